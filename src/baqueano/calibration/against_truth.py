@@ -12,7 +12,7 @@ computes the errors.
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,11 +29,9 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.numerics.statistics import batch_covariance, huber_regression, student_quantile
 from baqueano.runs.interpolation import TimeSeries
+from baqueano.runs.run import Run
 from baqueano.signals import seconds
-
-if TYPE_CHECKING:
-    from baqueano.runs.run import Run
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 WINDOW_S, STEP_S, GAP_S = 2.0, 0.1, 0.25  # of windows: length, step, and the longest gap between measurements
 BATCH_S, BATCHES = 5.0, 8  # the longest batch, and the least number of them
@@ -66,7 +64,7 @@ class WindowRegression(NamedTuple):
     freedom: int
 
 
-def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
+def calibrate(run: Run, vehicle_file: VehicleFile) -> Calibration:
     """Return scale and bias of the gyro, scale of the odometer, position of the mark, and clock offset of the truth.
     `vehicle_file` names the sensors. Raise UsageError if the run is too short, lacks a pose of a truth, or lacks both
     sensors."""
@@ -95,7 +93,7 @@ def calibrate(run: "Run", vehicle_file: "VehicleFile") -> Calibration:
 
 
 def find_channel(
-    run: "Run", vehicle_file: "VehicleFile", field: str, entry: int
+    run: Run, vehicle_file: VehicleFile, field: str, entry: int
 ) -> tuple[str, TimeSeries] | None:
     """Return the first sensor of the run whose block has `field`, and its channel `entry`, or None. Samples of an
     IMU that repeat the previous sample in all entries are excluded: they come from the driver, not the chip."""
@@ -112,7 +110,7 @@ def find_channel(
     return None
 
 
-def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
+def _frames(run: Run) -> tuple[np.ndarray, np.ndarray]:
     """Return times (K,) and poses (K, 3) of the truth, with the heading unwrapped. Raise UsageError without a pose."""
     eta = None if run.truth is None else run.truth.eta
     if eta is not None and np.isfinite(eta[:, :2]).any() and np.isnan(eta[:, 2]).all():
@@ -127,7 +125,7 @@ def _frames(run: "Run") -> tuple[np.ndarray, np.ndarray]:
     return seconds(run.truth.t_ns[is_finite], run.t_ns[0]), eta
 
 
-def _windows(run: "Run", frames: tuple[np.ndarray, np.ndarray], signal: TimeSeries) -> Windows:
+def _windows(run: Run, frames: tuple[np.ndarray, np.ndarray], signal: TimeSeries) -> Windows:
     """Return all windows without a long gap in truth or sensor at any offset. Raise UsageError for too few."""
     t_s, eta = frames
     begin, end = max(t_s[0], signal.t_s[0] + MAX_OFFSET_S), min(t_s[-1], signal.t_s[-1] - MAX_OFFSET_S)
@@ -249,7 +247,7 @@ def _clock_offset(regression: WindowRegression) -> list[CalibratedNumber]:
     return [_number(regression, "clock.truth", lambda x: x[-1], "s", None, remark)]
 
 
-def _gyro(fit: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
+def _gyro(fit: WindowRegression, name: str, vehicle_file: VehicleFile) -> list[CalibratedNumber]:
     block, path = getattr(vehicle_file.sensors, name), f"sensors.{name}.gyro"
     remark = _("the true rotation is {ratio:.4f} × that of the gyro", ratio=float(fit.x[0]))
     return [
@@ -258,7 +256,7 @@ def _gyro(fit: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list
     ]
 
 
-def _odometer(fit: WindowRegression, name: str, vehicle_file: "VehicleFile") -> list[CalibratedNumber]:
+def _odometer(fit: WindowRegression, name: str, vehicle_file: VehicleFile) -> list[CalibratedNumber]:
     """Return the odometer's scale, and the mark's position and heading in body axes, with x along the rolling
     direction."""
     scale, path = float(getattr(vehicle_file.sensors, name).scale), f"sensors.{name}.scale"

@@ -15,7 +15,7 @@ Timestamps in bursts are treated as even. Sources: IEEE Std 952-1997, annex C fo
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,9 +33,7 @@ from baqueano.messages.text_table import text_table
 from baqueano.numerics.statistics import MAD, QUANTILE_95, chi_square
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 MIN_SAMPLES = 200  # samples of a sensor at rest
 MIN_ALLAN_SAMPLES = 16  # samples of (1)
@@ -222,7 +220,7 @@ class RestMeasurement(Result):
         return "\n".join([*lines, *(f"- {finding}" for finding in texts(self.findings)), _(self.verdict)])
 
     @checked_call("at_rest.updated_file(robot)")
-    def updated_file(self, vehicle_file: "VehicleFile") -> "VehicleFile":
+    def updated_file(self, vehicle_file: VehicleFile) -> VehicleFile:
         """Return the file with noise, bias and walk of its IMUs as measured at rest. Raise UsageError if no IMU of
         the file was measured."""
         from baqueano.vehicle_file import Provenance

@@ -13,7 +13,7 @@ give the number of turns. A rest in the middle of a turn is off the mark and is 
 """
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,9 +30,7 @@ from baqueano.numerics.statistics import QUANTILE_95, chi_square, student_quanti
 from baqueano.runs.interpolation import TimeSeries
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import sensor_range
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 MIN_REST_S, WINDOW_S = 2.0, 0.5  # the shortest rest, and the windows that are tested for rest
 # quantile of the windows' scatter; up to the second value times this scatter is a rest
@@ -57,7 +55,7 @@ class Rest(NamedTuple):
         return 0.5 * (self.begin_s + self.end_s)
 
 
-def calibrate_by_hand_turns(run: Run, vehicle_file: "VehicleFile", turns: float | None = None) -> Calibration:
+def calibrate_by_hand_turns(run: Run, vehicle_file: VehicleFile, turns: float | None = None) -> Calibration:
     """Return the calibration of the gyro of `run`, in which the vehicle was turned by hand between rests on a mark.
     `turns` is the number of whole turns between two rests, in either direction; None: the nearest whole number. Raise
     UsageError if the run lacks a gyro, two rests or whole turns, or if the gyro has a gap or was saturated."""

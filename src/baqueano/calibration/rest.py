@@ -13,7 +13,6 @@ readings must be below REST_NOISE_FACTOR w: a coasting vehicle slows down, so it
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,9 +21,7 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, ByName, Motion
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 REST_S = 1.0  # without any command, before the vehicle is treated as at rest
 TOLERANCE = 1e-9  # tolerance for readings without noise
@@ -35,8 +32,8 @@ REST_NOISE_FACTOR = 2.0  # times w, or the noise in the file: a gyro with more s
 
 
 def with_rest_gyro_bias(
-    vehicle_file: "VehicleFile", runs: Sequence[Run]
-) -> tuple["VehicleFile", Diagnostic | None]:
+    vehicle_file: VehicleFile, runs: Sequence[Run]
+) -> tuple[VehicleFile, Diagnostic | None]:
     """Return the file with the bias of the first gyro that was at rest in the runs, and a message. If the vehicle was
     not at rest in any run, return the unchanged file and None."""
     for name, sensor in vehicle_file.sensors._asdict().items():
@@ -131,8 +128,8 @@ def _is_still(t_ns: np.ndarray, residuals: np.ndarray, sensor: Tree) -> bool:
 
 
 def _set_gyro_bias(
-    vehicle_file: "VehicleFile", name: str, bias: float, std: float, run_names: list[str]
-) -> "VehicleFile":
+    vehicle_file: VehicleFile, name: str, bias: float, std: float, run_names: list[str]
+) -> VehicleFile:
     from baqueano.vehicle_file import Provenance
     from baqueano.vehicle_file.file import today
 

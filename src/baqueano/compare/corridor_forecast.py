@@ -6,7 +6,6 @@ vehicle that differs from the file drives farther from its path; the forecast do
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,15 +14,13 @@ from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.errors import AnswerNo
+from baqueano.guides.route import Route
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
+from baqueano.runs.run import Run
 from baqueano.simulate import simulate_loop
 from baqueano.standstill import usual_rest_s
-
-if TYPE_CHECKING:
-    from baqueano.guides.route import Route
-    from baqueano.runs.run import Run
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -45,7 +42,7 @@ class CorridorForecast(Result):
     corridor: Corridor
     laps: int
     lap_s: float
-    run: "Run"
+    run: Run
 
     @property
     def verdict(self) -> str:
@@ -81,8 +78,8 @@ class CorridorForecast(Result):
 
 @checked_call("bq.forecast(robot, route)")
 def forecast_corridor(
-    vehicle_file: "VehicleFile",
-    route: "Route",
+    vehicle_file: VehicleFile,
+    route: Route,
     laps: int = 1,
     backend: str = "auto",
     rest_s: float | None = None,

@@ -14,16 +14,14 @@ value is NaN.
 """
 
 import tomllib
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.compare.errors import rms
+from baqueano.runs.logs import ReferenceLog
 from baqueano.signals import NANOSECONDS, seconds
 from baqueano.vehicles.drivetrain import MIXINGS, mix
-
-if TYPE_CHECKING:
-    from baqueano.runs.logs import ReferenceLog
 
 START_S = 1.0  # a vehicle that begins at rest needs this time to reach its speed
 MEAN_WINDOW_S = 1.0  # length of the mean in (2)
@@ -84,7 +82,7 @@ def is_driving(t_ns: np.ndarray, speed_ref: np.ndarray, after_s: float = START_S
     return (seconds(t_ns, t_ns[:1]) >= after_s) & has_started & (np.arange(len(magnitude)) <= last)
 
 
-def active_mask(t_ns: np.ndarray, ref: "ReferenceLog") -> np.ndarray:
+def active_mask(t_ns: np.ndarray, ref: ReferenceLog) -> np.ndarray:
     """Return a mask (N,): True until the guide finished, or until the last reference if it did not finish."""
     done_ns = ref.t_ns[ref.at_end > 0.0]
     return t_ns <= (done_ns[0] if done_ns.size else ref.t_ns[-1])

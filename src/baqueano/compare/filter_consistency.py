@@ -8,7 +8,6 @@ cautious". The false alarm rate FALSE_ALARM is for all tests together: each test
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,9 +21,7 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
 from baqueano.monitor.rejections import rejections_in
 from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
-
-if TYPE_CHECKING:
-    from baqueano.runs.run import Run
+from baqueano.runs.run import Run
 
 STATE_NAMES = {
     "x": "x",
@@ -152,7 +149,7 @@ class FilterConsistency:
         return note("consistency.correlated", correlation=self.correlation)
 
 
-def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency:
+def filter_consistency(run: Run, alignment: str = "none") -> FilterConsistency:
     """Return the filter consistency of a run. The NEES of the pose is known only for the alignment "none"."""
     log, truth = run.estimate, run.truth
     errors: dict[str, np.ndarray] = {}  # whitened
@@ -193,13 +190,13 @@ def filter_consistency(run: "Run", alignment: str = "none") -> FilterConsistency
     )  # fmt: skip
 
 
-def innovation_names(run: "Run", size: int) -> list[str]:
+def innovation_names(run: Run, size: int) -> list[str]:
     """Return the names of the `size` entries of an innovation: channels such as "imu[2]" if the run contains them."""
     names = [refusal.name for refusal in rejections_in(run.events)]
     return names if len(names) == size else [_("innovation {k}", k=k) for k in range(size)]
 
 
-def _correction_indices(run: "Run", size: int) -> list[int]:
+def _correction_indices(run: Run, size: int) -> list[int]:
     """Return the entries of an innovation that correct the estimate; all if the run does not contain their counts."""
     counts = [count.reading_count for count in rejections_in(run.events)]
     return [k for k in range(size) if len(counts) != size or counts[k] > 0]

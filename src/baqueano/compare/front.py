@@ -15,6 +15,8 @@ from baqueano.compare.divergence import cut_at_divergence, divergence_s, estimat
 from baqueano.compare.filter_consistency import filter_consistency
 from baqueano.compare.laps import run_laps
 from baqueano.contracts.calls import checked_call, flatten_arguments
+from baqueano.contracts.result import Result
+from baqueano.contracts.result import Result as Fit
 from baqueano.errors import Misuse, UsageError, error_cause
 from baqueano.monitor import rejections_in
 from baqueano.on_demand import registered_function
@@ -23,8 +25,6 @@ from baqueano.runs.run import Run
 
 if TYPE_CHECKING:
     from baqueano.compare.evenness import SpeedErrors
-    from baqueano.contracts.result import Result
-    from baqueano.contracts.result import Result as Fit  # a fit is of a layer above
 
 UNKNOWN_DISTANCES = PathDistances(float("nan"), float("nan"), float("nan"))
 
@@ -41,18 +41,18 @@ def compare(
 
 
 @overload
-def compare(*runs: "Fit | Sequence[Fit] | Mapping[str, Fit]", names: Sequence[str] | None = None) -> "Result":
+def compare(*runs: Fit | Sequence[Fit] | Mapping[str, Fit], names: Sequence[str] | None = None) -> Result:
     """Compare fits by their parameters."""
 
 
 @checked_call("bq.compare(first, second)")
 def compare(
-    *runs: "Run | Fit | Sequence[Run | Fit] | Mapping[str, Run | Fit]",
+    *runs: Run | Fit | Sequence[Run | Fit] | Mapping[str, Run | Fit],
     alignment: str = "none",
     interval_s: float = 1.0,
     skip_s: float = 0.0,
     names: Sequence[str] | None = None,
-) -> "Comparison | Result":
+) -> Comparison | Result:
     """Compare runs by their errors and the consistency of their filter, or fits by their parameters.
 
     Parameters

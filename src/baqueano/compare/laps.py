@@ -8,7 +8,7 @@ So the crossing of a figure eight is not a passage.
 If a drive begins with a lead-in to the route, the first lap begins with the drive.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,10 +16,8 @@ from baqueano.compare import errors
 from baqueano.contracts.values import JsonObject
 from baqueano.geometry import wrap
 from baqueano.runs.interpolation import interpolate_poses
+from baqueano.runs.run import Run
 from baqueano.signals import seconds
-
-if TYPE_CHECKING:
-    from baqueano.runs.run import Run
 
 MAX_END_DISTANCE_M, MAX_END_ANGLE_RAD = 0.02, 0.3
 WINDOW = 5  # steps of the reference; their median ignores a jump
@@ -55,7 +53,7 @@ class DriveLap(NamedTuple):
         return {names.get(name, name): value for name, value in self._asdict().items()}
 
 
-def run_laps(run: "Run") -> tuple[DriveLap, ...]:
+def run_laps(run: Run) -> tuple[DriveLap, ...]:
     """Return the laps of a run; an empty tuple if its reference does not return to the beginning.
 
     Examples

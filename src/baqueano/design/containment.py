@@ -15,17 +15,15 @@ last one is a zero command, which (4) of the previous chunk has tested.
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.design.vehicle_cloud import VehicleCloud, possible_vehicles
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.routes.room import Room
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file.file import VehicleFile
-    from baqueano.vehicles import VehicleState
+from baqueano.vehicle_file.file import VehicleFile
+from baqueano.vehicles import VehicleState
 
 CORRIDOR_SIGMA = 3.0  # k of (1): one position in 370 of a normal distribution is further out
 TAIL_FACTOR = 1.5  # c of (3)
@@ -81,7 +79,7 @@ class ContainedSignal(NamedTuple):
 
 def contain_in_room(
     u: np.ndarray,
-    vehicle_file: "VehicleFile",
+    vehicle_file: VehicleFile,
     room: Room,
     *,
     cloud: VehicleCloud | None = None,
@@ -134,8 +132,8 @@ def chunk_alternatives(u: np.ndarray) -> np.ndarray:
 
 
 def first_allowed_option(
-    cloud: VehicleCloud, room: Room, state: "VehicleState", options: Sequence[np.ndarray], tick: int
-) -> tuple[int, "VehicleState", np.ndarray] | None:  # fmt: skip
+    cloud: VehicleCloud, room: Room, state: VehicleState, options: Sequence[np.ndarray], tick: int
+) -> tuple[int, VehicleState, np.ndarray] | None:  # fmt: skip
     """Return the index of the first allowed option (T, n), the vehicle states after it, and its poses (L, T, 3), or
     None. (4)"""
     stride = max(1, round(SAMPLE_S * cloud.rate_hz))
@@ -158,8 +156,8 @@ def first_allowed_option(
 
 
 def _first_allowed_or_last(
-    cloud: VehicleCloud, room: Room, state: "VehicleState", options: np.ndarray, tick: int
-) -> tuple[int, "VehicleState", np.ndarray]:
+    cloud: VehicleCloud, room: Room, state: VehicleState, options: np.ndarray, tick: int
+) -> tuple[int, VehicleState, np.ndarray]:
     """Return the index of the first allowed option of (C, T, n), the vehicle states after it, and its poses (L, T, 3).
     If none is allowed, return the values of the last option."""
     for begin, end in ((0, 1), (1, len(options))):  # mostly the requested chunk is allowed

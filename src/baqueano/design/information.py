@@ -12,7 +12,7 @@ Verdinelli 1995). F is for white sensor noise, without process noise.
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,11 +29,9 @@ from baqueano.identify.parameters.free import (
     value,
 )
 from baqueano.symbolic import scan
+from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicles.freedoms import coasting_axes
 from baqueano.worlds.simulated import step_vehicle, tick_row_count
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file.file import VehicleFile
 
 BIASES = ("accel_bias", "gyro_bias")
 NUISANCE_STD = 0.3  # m/s², rad/s, m/s: prior standard deviation of a bias or an initial velocity
@@ -53,7 +51,7 @@ class Unknowns(NamedTuple):
         return self.paths[: self.interest_count]
 
 
-def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
+def unknowns(vehicle_file: VehicleFile) -> Unknowns:
     """Return the parameters and the nuisance that a fit of a forward drive of this vehicle estimates."""
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
     candidates = [free_parameter(blocks, p, {}) for p in default_free(blocks)]
@@ -74,7 +72,7 @@ def unknowns(vehicle_file: "VehicleFile") -> Unknowns:
 class DriveInformation:
     """Fisher information F of drives of one vehicle file."""
 
-    def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
+    def __init__(self, vehicle_file: VehicleFile, backend: str = "auto") -> None:
         self.unknowns = unknowns(vehicle_file)
         free_parameters, rate_hz = self.unknowns, vehicle_file.rate_hz
         blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)

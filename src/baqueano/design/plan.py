@@ -14,7 +14,7 @@ The numbers of primitives and rounds are fixed, not the time: the same seed give
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,11 +42,9 @@ from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.numerics.parallel import parallel_map
 from baqueano.routes.room import Room
+from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import random_stream
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file.file import VehicleFile
 
 PRIMITIVE_S = 4.0
 COVERED_FRACTION = 0.9
@@ -104,7 +102,7 @@ class Plan(NamedTuple):
 
 
 def design_plan(
-    vehicle_file: "VehicleFile",
+    vehicle_file: VehicleFile,
     room: "Room",
     duration_s: float = 60.0,
     *,
@@ -150,7 +148,7 @@ class PlanSearch:
     """Kernels, library and composer of one plan."""
 
     def __init__(
-        self, vehicle_file: "VehicleFile", room: "Room", distribution: VehicleDistribution, place_count: int,
+        self, vehicle_file: VehicleFile, room: "Room", distribution: VehicleDistribution, place_count: int,
         seed: int, backend: str,
     ) -> None:  # fmt: skip
         self.room, self.rng = room, random_stream(seed, "pieces")

@@ -15,25 +15,23 @@ simulated in one call of one kernel; several candidates for the next primitive a
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from baqueano.diagnostics import Verdict
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import default_free, value
+from baqueano.identify.result.fit_result import Fit
 from baqueano.numerics.parallel import parallel_map
 from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.simulate.many import batch_kernel, parameter_bounds
 from baqueano.simulate.system import System
+from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicles import VehicleState
 from baqueano.vehicles.freedoms import damping_derivatives
 from baqueano.worlds.noise import random_stream, unit_normals
 from baqueano.worlds.simulated import tick_row_count
-
-if TYPE_CHECKING:
-    from baqueano.identify.result.fit_result import Fit
-    from baqueano.vehicle_file.file import VehicleFile
 
 RELATIVE_STD = 0.2  # relative standard deviation of a parameter without a fit
 SIDEWAYS = 1  # entry of ν
@@ -61,7 +59,7 @@ class VehicleDistribution:
 
 
 def possible_vehicles(
-    vehicle_file: "VehicleFile",
+    vehicle_file: VehicleFile,
     relative_std: float = RELATIVE_STD,
     vehicle_count: int = VEHICLES,
     seed: int = 0,
@@ -113,14 +111,14 @@ def _move_inside(low: np.ndarray, high: np.ndarray, x: np.ndarray, P: np.ndarray
     return draw
 
 
-def planning_file(fit: "Fit", rough_file: "VehicleFile") -> "VehicleFile":
+def planning_file(fit: Fit, rough_file: VehicleFile) -> VehicleFile:
     """Return the file for the next plan: the file of a `fit`, or the `rough_file` of a refused fit. The plan takes
     frictions that the fit does not determine as uncertain guesses. If the fit does not show how the vehicle stops
     sideways, the sideways friction comes from the rough file."""
     return rough_file if fit.verdict == Verdict.REFUSED else _with_sideways_friction(fit, rough_file)
 
 
-def _with_sideways_friction(fit: "Fit", rough_file: "VehicleFile") -> "VehicleFile":
+def _with_sideways_friction(fit: Fit, rough_file: VehicleFile) -> VehicleFile:
     """Return the file of the fit, with the sideways friction of the `rough_file` if each entry of it may be 0. Pulses
     on one spot give little information on it, and without it a vehicle would slide without end."""
     file, cov = fit.vehicle_file, fit.vehicle_file.parameter_cov
@@ -147,7 +145,7 @@ def _with_sideways_friction(fit: "Fit", rough_file: "VehicleFile") -> "VehicleFi
     )
 
 
-def _fields(fit: "Fit") -> set[str]:
+def _fields(fit: Fit) -> set[str]:
     return {name.partition("[")[0] for name in fit.names}
 
 
@@ -156,7 +154,7 @@ class VehicleCloud:
 
     def __init__(
         self,
-        vehicle_file: "VehicleFile",
+        vehicle_file: VehicleFile,
         distribution: VehicleDistribution,
         seed: int = 0,
         backend: str = "auto",

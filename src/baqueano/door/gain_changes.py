@@ -21,11 +21,11 @@ from baqueano.door.frames.descriptions import adjustable_names
 from baqueano.drive.budget import BudgetedBlock
 from baqueano.drive.observers import EventLine, Observer
 from baqueano.errors import DiagnosticError, Invalid, error_text
+from baqueano.loop import Blocks
+from baqueano.signals import Command, Estimate, Reference
 
 if TYPE_CHECKING:
     from baqueano.door.operator import Operator
-    from baqueano.loop import Blocks
-    from baqueano.signals import Command, Estimate, Reference
 
 SOURCE, SWAP, ROOM = "set", "swap", "controller"
 PACE, HOLDER = "guide.pace", "holder"
@@ -42,7 +42,7 @@ class AdjustableController:
         """Return the initial state of the wrapped controller."""
         return self.block.init()
 
-    def step(self, state: Tree, reference: "Reference", estimate: "Estimate") -> "tuple[Tree, Command]":
+    def step(self, state: Tree, reference: Reference, estimate: Estimate) -> tuple[Tree, Command]:
         """Return the new state and the command of the wrapped controller."""
         return self.block.step(state, reference, estimate)
 
@@ -107,7 +107,7 @@ class ChangeObserver(Observer):
         self._pace = 1.0
         operator.pop_changes()  # drop changes from before this drive
 
-    def begin(self, blocks: "Blocks") -> "Blocks":
+    def begin(self, blocks: Blocks) -> Blocks:
         self._controller = AdjustableController(blocks.controller)
         self._set_pace = optional.attribute(blocks.guide, "set_pace")
         return blocks._replace(controller=self._controller)

@@ -19,6 +19,7 @@ from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.identify import Fit
 from baqueano.identify.noise.covariances import Noise
+from baqueano.identify.result.fit_result import ChannelFit
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.report import figures
@@ -44,7 +45,6 @@ from baqueano.validation.parameter_drift import ParameterHistory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from baqueano.identify.result.fit_result import ChannelFit
     from baqueano.report.libraries import Target
 
 Draw = Callable[[], "Figure | None"]  # None: the result has no data for it
@@ -121,7 +121,7 @@ def _fit_drawings(result: Fit) -> dict[str, Draw]:
     }
 
 
-def _channel_drawings(channels: "Sequence[ChannelFit]") -> dict[str, Draw]:
+def _channel_drawings(channels: Sequence[ChannelFit]) -> dict[str, Draw]:
     """Return the drawings of the channels of one run: data beside the model, and residuals."""
     return {
         "data": lambda: draw_most_motion(list(channels))[0],

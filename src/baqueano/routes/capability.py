@@ -12,16 +12,13 @@ affects v or r, the share of such a motion is infinite.
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.values import Tree, Value
 from baqueano.symbolic import jacobian, scan
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 NEWTON_STEPS = 4
 # of the Newton step, for an effort without effect, such as the steering of a car at rest
@@ -39,7 +36,7 @@ class Capability:
     `moves_sideways` is True for a vehicle with a command that moves it sideways without turning it.  (3)
     """
 
-    def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
+    def __init__(self, vehicle_file: VehicleFile, backend: str = "auto") -> None:
         is_active = vehicle_file.command.limit > 0.0
         B = _rest_effort_gain(vehicle_file.vehicle)[:, is_active]
         self.moves_sideways = bool(np.linalg.matrix_rank(B) > np.linalg.matrix_rank(B[::2]))

@@ -14,7 +14,7 @@ velocities of a route. So along the heading, the velocity must agree with the ch
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,10 +34,8 @@ from baqueano.routes.gaps import route_gaps
 from baqueano.routes.noise import position_noise
 from baqueano.routes.path import NAME_PLACEHOLDER, distances_along
 from baqueano.routes.room import Room, vehicle_room
+from baqueano.vehicle_file import VehicleFile
 from baqueano.vehicle_file.head import reach_m
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
 
 MEAN_WINDOW_S = 0.3  # time over which an acceleration is averaged
 MIN_SCALE = 0.1  # a smaller route is of no use: its start is too near to the wall
@@ -185,7 +183,7 @@ class RouteReport(Result):
 @checked_call('bq.routes.examine(route, robot, "2x3")')
 def examine(
     route: Route,
-    vehicle_file: "VehicleFile | None" = None,
+    vehicle_file: VehicleFile | None = None,
     room: Room | str | None = None,
     *,
     backend: str = "auto",

@@ -9,8 +9,6 @@ curve of constant radius, (2) acceleration and braking. The result is the fastes
 Bobrow, Dubowsky and Gibson, International Journal of Robotics Research, 1985; Kunz and Stilman, RSS, 2012.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
@@ -20,9 +18,7 @@ from baqueano.guides.route import Route
 from baqueano.messages.printable import baqueano_command
 from baqueano.routes.capability import MAX_SPEED_M_S, Capability, largest_allowed
 from baqueano.routes.path import GRID_M, NAME_PLACEHOLDER, RoutePath, direction, route_along, route_path
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 COMMAND_SHARE = 0.8  # of the command; the rest is for the controller
 MAX_LATERAL_M_S2 = 3.0  # half of the grip of rubber on a smooth floor, 0.6 g
@@ -66,7 +62,7 @@ def at_speed(route: Route, speed_m_s: float) -> Route:
 @checked_call("bq.routes.fastest(route, robot)")
 def fastest(
     route: Route,
-    vehicle_file: "VehicleFile",
+    vehicle_file: VehicleFile,
     *,
     share: float = COMMAND_SHARE,
     lateral_m_s2: float = MAX_LATERAL_M_S2,

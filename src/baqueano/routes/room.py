@@ -7,14 +7,12 @@ The origin of the room is its middle, and x points along its width. The origin o
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from baqueano.errors import UsageError
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file.file import VehicleFile
+from baqueano.vehicle_file.file import VehicleFile
 
 # half of the grip of rubber on a smooth floor, 0.6 g: below it tyres almost do not slip
 MAX_LATERAL_M_S2 = 3.0
@@ -48,7 +46,7 @@ class Room:
         return 0.5 * np.array([self.width_m, self.height_m]) - self.radius_m
 
 
-def vehicle_room(vehicle_file: "VehicleFile | None", room: Room | str, **options: Any) -> Room:
+def vehicle_room(vehicle_file: VehicleFile | None, room: Room | str, **options: Any) -> Room:
     """Return the room "2x2.5", width and height in metres, for the vehicle of the file.
 
     The room has the radius of the vehicle, the limits of its supervisor, and MAX_LATERAL_M_S2; without a file, neither
@@ -100,7 +98,7 @@ def vehicle_room(vehicle_file: "VehicleFile | None", room: Room | str, **options
     return Room(sides[0], sides[1], **(limits | options))
 
 
-def body_radius(vehicle_file: "VehicleFile") -> float:
+def body_radius(vehicle_file: VehicleFile) -> float:
     """Return the radius [m] of the circle about the origin that contains the body, or 0 without a size in the file."""
     g = vehicle_file.geometry
     half_diagonal_m = float(np.hypot(g.length_m or 0.0, g.width_m or 0.0)) / 2.0

@@ -1,15 +1,13 @@
 """Define and check the parts of a run in memory: measurements, estimates, references, true motion, events."""
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from baqueano.contracts.values import Tree, Value
+from baqueano.diagnostics import Diagnostic
 from baqueano.errors import Invalid
 from baqueano.messages import text
-
-if TYPE_CHECKING:
-    from baqueano.diagnostics import Diagnostic
 
 LEVELS = ("debug", "info", "warning", "error", "fatal")
 
@@ -164,7 +162,7 @@ class Event(NamedTuple):
     level: str
     source: str
     text: str
-    diagnostic: "Diagnostic | None" = None
+    diagnostic: Diagnostic | None = None
 
     @property
     def sentence(self) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from baqueano.contracts.result import shorten
 from baqueano.contracts.values import JsonObject, TableRow
+from baqueano.diagnostics import Diagnostic
 from baqueano.messages import texts
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
@@ -22,7 +23,6 @@ from baqueano.runs.logs import LEVELS
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
-    from baqueano.diagnostics import Diagnostic
     from baqueano.runs.run import Run
 
 GAP_STEPS = 1.8
@@ -172,7 +172,7 @@ def show(run: "Run") -> ShownRun:
     return ShownRun(run)
 
 
-def _data(lines: "Diagnostic | None") -> JsonObject:
+def _data(lines: Diagnostic | None) -> JsonObject:
     if lines is None:
         return {"code": None, "figures": {}}
     return {"code": str(lines.code), "figures": dict(lines.figures)}

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import JsonObject, TableRow
@@ -17,9 +17,7 @@ from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.selection.terms import Term
 from baqueano.sensors.sampling import is_imu
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 NO_EVIDENCE = N_(
     "One step ahead every model is good, because it starts from the previous sample. Such scores "
@@ -143,7 +141,7 @@ class Choice:
         return self.fit.verdict
 
     @property
-    def vehicle_file(self) -> "VehicleFile":
+    def vehicle_file(self) -> VehicleFile:
         """Return the file with the chosen model."""
         return self.fit.vehicle_file
 

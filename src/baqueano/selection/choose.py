@@ -11,7 +11,7 @@ cross_validation.py defines error, folds and t; α = 5 %. A term at its bound, o
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -62,9 +62,7 @@ from baqueano.selection.terms import (
     without_terms,
 )
 from baqueano.sensors.sampling import measures_pose
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 ALPHA = 0.05
 ACCEPTED_OPTIONS = ("fixed", "bounds", "at_rest", "backend")  # options of a fit that `choose` accepts
@@ -92,7 +90,7 @@ class TermTrial(NamedTuple):
 
 
 def choose(
-    runs: Run | Sequence[Run], vehicle_file: "VehicleFile", candidates: Sequence[str | Term] | None = None, *,
+    runs: Run | Sequence[Run], vehicle_file: VehicleFile, candidates: Sequence[str | Term] | None = None, *,
     use: Sequence[str] | None = None, free: Sequence[str] | None = None,
     options: FitOptions = FitOptions(),  # noqa: B008  it is frozen
     held_out: Sequence[Run] = (), progress: Callable[[str], object] | None = None,
@@ -136,7 +134,7 @@ class FitSetup(NamedTuple):
     held_out: tuple[Run, ...]
 
     def fit(
-        self, vehicle_file: "VehicleFile", free: list[str], start: Mapping[str, float] | None = None
+        self, vehicle_file: VehicleFile, free: list[str], start: Mapping[str, float] | None = None
     ) -> Fit:
         """Return the fit of `free`, within the bounds of the user."""
         limits = {k: b for k, b in self.options.bounds.items() if any(path.startswith(k) for path in free)}
@@ -148,7 +146,7 @@ class _ModelSelection:
     """The problem with all terms in it, and the models that are fitted to it."""
 
     def __init__(
-        self, setup: FitSetup, core_file: "VehicleFile", base: Fit, least_paths: list[str], terms: list[Term],
+        self, setup: FitSetup, core_file: VehicleFile, base: Fit, least_paths: list[str], terms: list[Term],
         progress: Callable[[str], object],
     ) -> None:  # fmt: skip
         runs, use, options, validation_runs = setup
@@ -230,7 +228,7 @@ class _ModelSelection:
         other_terms = [term for term in self.terms if not have.intersection(term.paths)]
         return model, [results[term.name] for term in (*model.terms, *other_terms) if term.name in results]
 
-    def fit_model(self, model: Model, core_file: "VehicleFile") -> Fit:
+    def fit_model(self, model: Model, core_file: VehicleFile) -> Fit:
         """Return the fit of a model with its error bars, from its θ."""
         values = {path: float(x) for path, x in zip(self.paths, model.theta, strict=False)}
         paths = [path for term in model.terms for path in term.paths]

@@ -17,7 +17,7 @@ explained in docs/derivations/d_optimal_design.md.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -44,10 +44,8 @@ from baqueano.identify.parameters.free import (
 from baqueano.messages.language import mark as N_
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import compile_block, value_at_path, with_value
+from baqueano.vehicle_file import VehicleFile
 from baqueano.vehicles.freedoms import with_ideal_drivetrain
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
 
 # between starts of a delay: half a period of the fastest command that is followed, 20 Hz
 DELAY_GRID_S = 0.025
@@ -66,7 +64,7 @@ class Term(NamedTuple):
     starts: tuple[tuple[float, ...], ...]  # (k, q) starts of the searches
 
 
-def minimal_free(vehicle_file: "VehicleFile", free: Sequence[str] | None, u: np.ndarray) -> list[str]:
+def minimal_free(vehicle_file: VehicleFile, free: Sequence[str] | None, u: np.ndarray) -> list[str]:
     """Return the paths, with entries, that the least model fits. `free` contains the paths that the user requested,
     u (N, n) all commands."""
     blocks = FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors)
@@ -78,14 +76,14 @@ def minimal_free(vehicle_file: "VehicleFile", free: Sequence[str] | None, u: np.
     return [candidate.path for k, candidate in enumerate(candidates) if k not in frozen_numbers]
 
 
-def without_terms(vehicle_file: "VehicleFile", terms: Sequence[Term]) -> "VehicleFile":
+def without_terms(vehicle_file: VehicleFile, terms: Sequence[Term]) -> VehicleFile:
     """Return the file with all terms at their neutral values."""
     return with_terms(vehicle_file, terms, {})
 
 
 def with_terms(
-    vehicle_file: "VehicleFile", terms: Sequence[Term], fitted_values: dict[str, float]
-) -> "VehicleFile":
+    vehicle_file: VehicleFile, terms: Sequence[Term], fitted_values: dict[str, float]
+) -> VehicleFile:
     """Return the file with the values `fitted_values` at their paths, and all other paths of `terms` neutral."""
     blocks, fields = with_term_slots(FittedBlocks(vehicle_file.vehicle, vehicle_file.sensors), terms), set()
     for term in terms:

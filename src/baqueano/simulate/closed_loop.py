@@ -10,7 +10,7 @@ more.
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -42,15 +42,13 @@ from baqueano.symbolic import scan
 from baqueano.symbolic.backends import resolve_backend
 from baqueano.symbolic.function import KernelKey
 from baqueano.symbolic.scan import Scan
+from baqueano.vehicle_file import VehicleFile
 from baqueano.worlds.simulated import no_noise, tick_row_count
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
 
 MAX_DURATION_NS = 36_000 * NANOSECONDS  # a guide that is not done after this time is considered never done
 
 
-def simulate_loop(vehicle_file: "VehicleFile", route: Route | Guide, seed: int = 0, **options: Any) -> Run:
+def simulate_loop(vehicle_file: VehicleFile, route: Route | Guide, seed: int = 0, **options: Any) -> Run:
     """Simulate the file's vehicle with all its blocks on a route, in one kernel.
 
     Parameters
@@ -81,7 +79,7 @@ def simulate_loop(vehicle_file: "VehicleFile", route: Route | Guide, seed: int =
 
 
 def simulate_loops(
-    vehicle_file: "VehicleFile",
+    vehicle_file: VehicleFile,
     route: Route | Guide,
     seeds: Iterable[int],
     *,
@@ -169,7 +167,7 @@ def simulate_loops(
 
 
 def loop_system(
-    vehicle_file: "VehicleFile",
+    vehicle_file: VehicleFile,
     route: Route | Guide,
     laps: int = 1,
     perfect: bool = False,

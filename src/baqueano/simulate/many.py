@@ -9,7 +9,6 @@ Every θ_l is drawn from the covariance of the file's fit, or given by the user.
 from collections.abc import Mapping
 from dataclasses import dataclass, is_dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,13 +28,11 @@ from baqueano.simulate.system import System, parameter_labels, parameter_vector,
 from baqueano.symbolic import scan, value_at_path
 from baqueano.symbolic.function import KernelKey
 from baqueano.symbolic.scan import Scan
+from baqueano.vehicle_file import VehicleFile
 from baqueano.vehicle_file.envelope import EnvelopeMonitor
 from baqueano.vehicles import VehicleState
 from baqueano.worlds.noise import random_stream
 from baqueano.worlds.simulated import step_vehicle, tick_row_count
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
 
 CHUNK_VEHICLES = 2**15  # largest number of vehicles in a batch
 MAX_NOISE_BYTES = 2**26  # of standard normals that are stored at a time
@@ -144,7 +141,7 @@ class Ensemble(Result):
 
 
 def simulate_many(
-    vehicle_file: "VehicleFile",
+    vehicle_file: VehicleFile,
     u: ArrayLike,
     vehicles: int | None = None,
     *,
@@ -287,7 +284,7 @@ def parameter_sets(
 
 
 def draw_parameters(
-    vehicle_file: "VehicleFile", system: System, vehicles: int | None, seed: int
+    vehicle_file: VehicleFile, system: System, vehicles: int | None, seed: int
 ) -> tuple[tuple[str, ...], np.ndarray, int]:
     """Return the paths, θ (L, p) drawn from the covariance of the fit, and the number of clipped vehicles.
     Raise UsageError for a file without a covariance of the model, or for a number of vehicles below 1.

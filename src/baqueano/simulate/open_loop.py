@@ -9,7 +9,7 @@ world. An additional sensor does not change the noise of the others, because eac
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,13 +25,11 @@ from baqueano.simulate.system import System
 from baqueano.symbolic import scan
 from baqueano.symbolic.function import KernelKey
 from baqueano.symbolic.scan import Scan
+from baqueano.vehicle_file import VehicleFile
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds import world_init, world_step
 from baqueano.worlds.noise import PROCESS_STREAM, sensor_stream, unit_normals
 from baqueano.worlds.simulated import DrawnNoise, WorldState, no_noise, tick_row_count
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
 
 
 class OpenLoopInput(NamedTuple):
@@ -50,7 +48,7 @@ class Readings(NamedTuple):
 
 @checked_call('bq.simulate(robot, bq.excitation("random_steps", robot.command.limit, 60.0, robot.rate_hz))')
 def simulate(
-    vehicle_file: "VehicleFile",
+    vehicle_file: VehicleFile,
     u: ArrayLike,
     seed: int = 0,
     *,
@@ -130,7 +128,7 @@ def simulate(
     return replace(run, events=envelope_events(vehicle_file, run))
 
 
-def envelope_events(vehicle_file: "VehicleFile", run: Run) -> tuple[Event, ...]:
+def envelope_events(vehicle_file: VehicleFile, run: Run) -> tuple[Event, ...]:
     """Return an event for each warning of the envelope: a command or measurement outside the data of the fit."""
     flags = vehicle_file.envelope.range_warnings(run) if vehicle_file.envelope else ()
     return tuple(Event(int(run.t_ns[-1]), "warning", "model", english_text(flag), flag) for flag in flags)
@@ -206,7 +204,7 @@ def metadata(
     }
 
 
-def command_signal(vehicle_file: "VehicleFile", u: ArrayLike) -> np.ndarray:
+def command_signal(vehicle_file: VehicleFile, u: ArrayLike) -> np.ndarray:
     """Return `u` as floats (N, n). Raise UsageError for a wrong shape, a value not finite, or one above the limit."""
     names, limit = vehicle_file.command.names, vehicle_file.command.limit
     u = np.array(u, dtype=float)

@@ -13,7 +13,7 @@ are read from the folder BAQUEANO_DATA, else from ../shared/data.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,14 +29,12 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number, shown_unit
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
+from baqueano.runs import Run
 from baqueano.runs.importing import import_run
+from baqueano.signals import Motion
 from baqueano.study.recorded.simulated import simulate_outputs
 from baqueano.study.recordings import CPM_MAPS, check_cpm_present
 from baqueano.vehicle_file import VehicleFile, load
-
-if TYPE_CHECKING:
-    from baqueano.runs import Run
-    from baqueano.signals import Motion
 
 SHORT_NAMES = {"cpm_run_a": "a", "cpm_run_b": "b"}
 SENSORS_USED = ("odometer", "imu[2]")
@@ -87,7 +85,7 @@ class RunEvaluation:
     fit_run: str
     test_run: str
     prediction: RunPrediction
-    replay_run: "Run"
+    replay_run: Run
     figures: JsonObject  # values of `compare`
     distance_m: float  # distance measured by the camera
 
@@ -288,7 +286,7 @@ def cross_validate(
     )
 
 
-def fit_car(run: "Run", backend: str = "auto") -> RunFit:
+def fit_car(run: Run, backend: str = "auto") -> RunFit:
     """Return the garage's car fitted to a run by odometer and gyro, with the noise measured in the run."""
     fit = identify(run, load("car"), use=SENSORS_USED, options=FitOptions(backend=backend))
     noise = measure_noise(fit, run, backend=backend)
@@ -296,7 +294,7 @@ def fit_car(run: "Run", backend: str = "auto") -> RunFit:
 
 
 def evaluate_on_run(
-    vehicle_file: VehicleFile, fit_run: str, run: "Run", test_run: str, backend: str = "auto"
+    vehicle_file: VehicleFile, fit_run: str, run: Run, test_run: str, backend: str = "auto"
 ) -> RunEvaluation:
     """Return the evaluation of a vehicle file on a run: its model from the commands, its filter from the camera's
     first pose.
@@ -310,7 +308,7 @@ def evaluate_on_run(
     )
 
 
-def predict_run(vehicle_file: VehicleFile, run: "Run", backend: str = "auto") -> RunPrediction:
+def predict_run(vehicle_file: VehicleFile, run: Run, backend: str = "auto") -> RunPrediction:
     """Return speed and yaw rate of the model of `vehicle_file` under the commands of `run`, from the first measured
     velocity.
     """
@@ -323,7 +321,7 @@ def predict_run(vehicle_file: VehicleFile, run: "Run", backend: str = "auto") ->
     past_u = np.tile(record.u[0], (len(start.drivetrain.past_commands), 1))
     start = start._replace(drivetrain=start.drivetrain._replace(past_commands=past_u))
 
-    def speed_and_rate(motion: "Motion") -> np.ndarray:
+    def speed_and_rate(motion: Motion) -> np.ndarray:
         return np.array([odometer.h(motion)[0], imu.h(motion)[2]])
 
     model = simulate_outputs(vehicle, start, record.dt_s, record.u, speed_and_rate, backend)

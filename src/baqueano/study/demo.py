@@ -8,7 +8,6 @@ The initial vehicle file is a rough guess: its friction is wrong, and its biases
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,14 +31,11 @@ from baqueano.report.animation.scene import scene
 from baqueano.report.estimate_report import errors, paths
 from baqueano.report.fit_report import fit_sections
 from baqueano.report.run_report import driving_sections, headlines
-from baqueano.runs import read_run
+from baqueano.runs import Run, read_run
 from baqueano.runs.route_file import write_route
 from baqueano.symbolic.backends import resolve_backend
 from baqueano.tune import TuneResult, tune
 from baqueano.vehicle_file import VehicleFile, load
-
-if TYPE_CHECKING:
-    from baqueano.runs import Run
 
 LAPS, EXPERIMENT_FILE = 3, "1-experiment.mcap"
 GUESSED_VALUES = {  # the guess of a user with a scale and a tape measure, without a data sheet
@@ -72,7 +68,7 @@ class Demo:
     fit: Fit
     noise: Noise
     tuning: TuneResult
-    repeat_run: "Run"
+    repeat_run: Run
     comparison: Comparison
     folder: Path
 

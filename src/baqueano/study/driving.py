@@ -17,7 +17,7 @@ the limit. The cases:
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from baqueano.compare.evenness import is_driving, read_limits, share_at_limit, s
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.guides.repeat import Repeat
+from baqueano.guides.route import Route
 from baqueano.guides.shapes import eight, rectangle, sinuous_circle
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.messages import verdict_line
@@ -45,14 +46,11 @@ from baqueano.sweep.workers import run_in_batches
 from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile, load
 
-if TYPE_CHECKING:
-    from baqueano.guides.route import Route
-
 EXPERIMENT_S = 60.0
 # a fit without them reports that they are wrong
 FREE = ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"]
 ROBOT_BATCH = 10  # robots that are simulated together
-SHAPES: dict[str, Callable[[float], "Route"]] = {
+SHAPES: dict[str, Callable[[float], Route]] = {
     N_("sinuous"): lambda v: sinuous_circle(0.6, 0.06, 5, v),
     N_("eight"): lambda v: eight(1.0, v),
     N_("rectangle"): lambda v: rectangle(1.2, 0.8, 0.2, v),
@@ -301,7 +299,7 @@ def simulate_experiments(robots: Robots, seeds: range) -> list[Run]:
 
 
 def simulate_lap(
-    loops: list[Loop], robots: Robots, route: "Route", seeds: list[int]
+    loops: list[Loop], robots: Robots, route: Route, seeds: list[int]
 ) -> list[tuple[float, ...]]:
     """Return the errors of one lap of each robot along a route, from rest at its start."""
     guide = Repeat.along(route, 0)  # the lap does not end in braking

@@ -17,7 +17,7 @@ parameters are from the garage's file of this car.
 
 from collections.abc import Callable
 from datetime import date
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,14 +29,12 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.numerics.statistics import QUANTILE_95
+from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.study.cross_validation_cpm import predict_run
 from baqueano.study.recorded.criteria import criterion_row, maximum_row, message_row, minimum_row
 from baqueano.study.recordings import RecordingStudy, check_cpm_present
 from baqueano.vehicle_file import Provenance, VehicleFile, load
-
-if TYPE_CHECKING:
-    from baqueano.runs import Run
 
 MAPS = {"a": "cpm_run_a", "b": "cpm_run_b"}
 DRIVE_PARAMETERS = ("model.throttle_gain", "model.linear_drag", "model.coulomb_m_s2", "model.cornering_drag")
@@ -120,7 +118,7 @@ def rows(progress: Callable[[str], object] = lambda text: None, backend: str = "
     return study_rows + interval_rows(np.array(is_covered), np.array(width)) + message_rows(fits[-1], runs)
 
 
-def held_out_rows(fit: Fit, reference: Fit, run: "Run", label: str, backend: str) -> list[TableRow]:
+def held_out_rows(fit: Fit, reference: Fit, run: Run, label: str, backend: str) -> list[TableRow]:
     """Return the rows on the simulated speed of `run`, which neither `fit` nor `reference` has used."""
     car = reference.vehicle_file  # odometer and gyro unchanged: only the model is evaluated
     fitted_car = car.with_values(
@@ -161,7 +159,7 @@ def interval_rows(is_covered: np.ndarray, width: np.ndarray) -> list[TableRow]:
     return table_rows
 
 
-def message_rows(fit: Fit, runs: dict[str, "Run"]) -> list[TableRow]:
+def message_rows(fit: Fit, runs: dict[str, Run]) -> list[TableRow]:
     """Return the rows on the messages about the gyro's scale and about a run beyond the range of the fit."""
     is_reported = any(message.code == "identifiability.gyro-scale" for message in fit.always_unobservable)
     is_outside = bool(fit.envelope.range_warnings(runs["a"]))  # a fit of run b

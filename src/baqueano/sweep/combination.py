@@ -1,31 +1,29 @@
 """Do one drive with one combination of blocks: simulate the vehicle of the file, or replay a recorded run."""
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.names import GAINS_CHOICES
 from baqueano.diagnostics import Diagnostic
 from baqueano.drive import drive_stop_reason, repeat, replay
 from baqueano.errors import SafetyStop
 from baqueano.geometry import compose
+from baqueano.guides.route import Route
+from baqueano.runs.run import Run
 from baqueano.sweep.error_segments import ErrorSegments
 from baqueano.sweep.figures import drive_figures
 from baqueano.sweep.gains import ControllerGains, FileText, build_controller
 from baqueano.sweep.result import SweepCombination, SweepDrive
 
-if TYPE_CHECKING:
-    from baqueano.contracts.blocks import OwnBlock
-    from baqueano.guides.route import Route
-    from baqueano.runs.run import Run
-
 
 class SweepBlocks(NamedTuple):
     """The blocks that replace the file's blocks; None keeps the file's block."""
 
-    estimator: "OwnBlock | None" = None
-    controller: "OwnBlock | None" = None
-    guide: "OwnBlock | None" = None
+    estimator: OwnBlock | None = None
+    controller: OwnBlock | None = None
+    guide: OwnBlock | None = None
 
 
 class SweepSettings(NamedTuple):
@@ -48,9 +46,9 @@ class SweepJob(NamedTuple):
     file_text: FileText
     blocks: SweepBlocks
     settings: SweepSettings
-    route: "Route | None" = None
+    route: Route | None = None
     seed: int = 0
-    run: "Run | None" = None  # the run to replay, or None for a simulation
+    run: Run | None = None  # the run to replay, or None for a simulation
     gains: ControllerGains = ControllerGains()
     vehicle: str = ""  # the names of vehicle and route
     route_name: str = ""
@@ -76,7 +74,7 @@ def _drive_result(
     )  # fmt: skip
 
 
-def _drive(job: SweepJob) -> "Run":
+def _drive(job: SweepJob) -> Run:
     assert job.route is not None
     start = compose(job.route.eta[0], np.array(job.settings.start))
     # only the blocks are compared
@@ -90,7 +88,7 @@ def _drive(job: SweepJob) -> "Run":
     )  # fmt: skip
 
 
-def _replay(job: SweepJob) -> "Run":
+def _replay(job: SweepJob) -> Run:
     assert job.run is not None
     return replay(
         job.run, job.file_text.parse(), estimator=job.blocks.estimator, backend=job.settings.backend

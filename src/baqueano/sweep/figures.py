@@ -8,7 +8,7 @@ Cross-track, speed, ATE and RPE are computed as in compare/. The motion of the v
 the estimate. NEES and NIS are means per degree of freedom, 1 if consistent.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,11 +17,9 @@ from baqueano.compare.filter_consistency import filter_consistency
 from baqueano.contracts.values import Tree
 from baqueano.messages.language import mark as N_
 from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
+from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.sweep.error_segments import ErrorSegments, error_segments
-
-if TYPE_CHECKING:
-    from baqueano.runs.run import Run
 
 MAX_JOINED_M, MAX_LAP_DISTANCE_M = 0.03, 0.10
 NAN = float("nan")
@@ -66,7 +64,7 @@ ALL_FIGURES = {**RMS_FIGURES, **SINGLE_FIGURES}
 
 
 def drive_figures(
-    run: "Run", laps: int = 1, alignment: str = "none", window_s: float = 1.0
+    run: Run, laps: int = 1, alignment: str = "none", window_s: float = 1.0
 ) -> tuple[dict[str, float], dict[str, ErrorSegments]]:
     """Return the results of a drive or a replay by name, and the segments of those in RMS_FIGURES."""
     run = run.without_rest
@@ -87,7 +85,7 @@ def drive_figures(
     } | single, pieces
 
 
-def _estimate_errors(run: "Run", alignment: str, window_s: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _estimate_errors(run: Run, alignment: str, window_s: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return, for each result, times and errors of the estimate against the truth; {} if one of them is not known."""
     est, truth = run.estimate, run.truth
     if est is None or truth is None or len(truth.t_ns) < 2:
@@ -103,7 +101,7 @@ def _estimate_errors(run: "Run", alignment: str, window_s: float) -> dict[str, t
     }  # fmt: skip
 
 
-def _drive_errors(run: "Run", laps: int) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], dict[str, float]]:
+def _drive_errors(run: Run, laps: int) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], dict[str, float]]:
     """Return, for each result, times and errors of the vehicle; and the single values of its path."""
     log: Tree = run.truth if run.truth is not None else run.estimate
     ref = run.guide_reference
@@ -138,9 +136,7 @@ def joining_distance(along_m: np.ndarray, across_m: np.ndarray) -> float:
     return float(along_m[outside_rows[-1] + 1] - along_m[0]) if outside_rows[-1] + 1 < len(along_m) else NAN
 
 
-def _laps(
-    run: "Run", t_ns: np.ndarray, cross_track: np.ndarray, path_fraction: np.ndarray, laps: int
-) -> float:
+def _laps(run: Run, t_ns: np.ndarray, cross_track: np.ndarray, path_fraction: np.ndarray, laps: int) -> float:
     """Return the complete laps, of `laps`, within MAX_LAP_DISTANCE_M and before a stop.
 
     `path_fraction` (N,) is the fraction of the route.  (4)
@@ -153,7 +149,7 @@ def _laps(
     return float(np.floor(laps * fractions[-1] - 1e-9)) if fractions.size and fractions[-1] > 0.0 else 0.0
 
 
-def _command_series(run: "Run", k: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _command_series(run: Run, k: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return the effort and the roughness of the sent command, with their times; {} without limits.  (1), (2)
     If no sent command was logged, the applied command is used.
     """

@@ -6,16 +6,14 @@ controller "ana/my.py:Mine" belongs to ana/vehicle.toml, if the table [controlle
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from baqueano.blocks import WORKING_FILE, resolve
+from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.values import Tree
 from baqueano.vehicle_file import VehicleFile, load, parse
 from baqueano.vehicle_file.build import DEFAULT_KINDS
 from baqueano.vehicle_file.text.toml_text import read_text, tables
-
-if TYPE_CHECKING:
-    from baqueano.contracts.blocks import OwnBlock
 
 CODE = "code"
 
@@ -38,13 +36,13 @@ class ControllerGains(NamedTuple):
     the vehicle file of the drive.
     """
 
-    controller: "OwnBlock | None" = None
+    controller: OwnBlock | None = None
     source: str = ""
     file: FileText | None = None
 
 
 def find_gains(
-    vehicle_file: VehicleFile, controller: "OwnBlock | None", choice: str = "own"
+    vehicle_file: VehicleFile, controller: OwnBlock | None, choice: str = "own"
 ) -> ControllerGains:
     """Return the controller that `controller` names, and its gains. The choice "vehicle" excludes the vehicle file in
     the folder of a class.

@@ -6,11 +6,11 @@ All drives are checked before the first one begins.
 from collections.abc import Callable, Iterable, Sequence
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.compare.errors import ALIGNMENTS
+from baqueano.contracts.blocks import OwnBlock
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.names import GAINS_CHOICES
 from baqueano.contracts.result import Result
@@ -29,9 +29,6 @@ from baqueano.sweep.workers import processor_count
 from baqueano.vehicle_file import VehicleFile, load
 from baqueano.vehicle_file.build import DEFAULT_KINDS
 
-if TYPE_CHECKING:
-    from baqueano.contracts.blocks import OwnBlock
-
 LOOP_ROLES = ("estimator", "controller", "guide")
 
 
@@ -40,9 +37,9 @@ def sweep(
     subjects: "VehicleFile | Run | str | Sequence[VehicleFile | Run | str]",
     routes: "Route | str | Sequence[Route | str] | dict[str, Route]" = (),
     *,
-    estimators: "OwnBlock | Sequence[OwnBlock] | dict[str, OwnBlock]" = (),
-    controllers: "OwnBlock | Sequence[OwnBlock] | dict[str, OwnBlock]" = (),
-    guides: "OwnBlock | Sequence[OwnBlock] | dict[str, OwnBlock]" = (),
+    estimators: OwnBlock | Sequence[OwnBlock] | dict[str, OwnBlock] = (),
+    controllers: OwnBlock | Sequence[OwnBlock] | dict[str, OwnBlock] = (),
+    guides: OwnBlock | Sequence[OwnBlock] | dict[str, OwnBlock] = (),
     seeds: Iterable[int] = (0,),
     reference: str | None = None,
     vehicle: VehicleFile | None = None,

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,10 +26,8 @@ from baqueano.runs.initial_pose import initial_pose
 from baqueano.sweep.combination import SweepJob, drive_from_row, drive_job, drive_row
 from baqueano.sweep.error_segments import ErrorSegments
 from baqueano.sweep.gains import FileText
+from baqueano.sweep.result import SweepDrive
 from baqueano.sweep.workers import run_in_processes
-
-if TYPE_CHECKING:
-    from baqueano.sweep.result import SweepDrive
 
 
 class Resources(NamedTuple):
@@ -42,7 +40,7 @@ class Resources(NamedTuple):
 
 def run_jobs(
     jobs: Sequence[SweepJob], resources: Resources, advance: Callable[[int], None] | None
-) -> "list[SweepDrive]":
+) -> list[SweepDrive]:
     """Run all jobs, or read their stored drives, and return the drives in order; after Ctrl-C, return only the
     finished drives.
     """

@@ -7,7 +7,7 @@ The sums are over all channels c of all held-out runs; n_c is their noise, (2) o
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +18,7 @@ from baqueano.identify.parameters.free import PROCESS_NOISE_PATH
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
 from baqueano.validation.held_out import Validation, validate
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 ADVICE_CODES = ("cost.try-innovations", "cost.innovations", "cost.simulation", "cost.too-short")
 
@@ -55,7 +53,7 @@ def with_cost_advice(
 
 
 def refit_with_cost(
-    runs: Sequence[Run], vehicle_file: "VehicleFile", *, options: FitOptions, **arguments: Any
+    runs: Sequence[Run], vehicle_file: VehicleFile, *, options: FitOptions, **arguments: Any
 ) -> Callable[[str], Fit]:
     """Return a function that fits the runs with a given cost, without diagnostics. All other `options` and the
     arguments `arguments` of `identify` are unchanged."""

@@ -16,7 +16,7 @@ known pose, at the mean voltage of the runs. Then it repeats the commands in ope
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.estimators.readings.sensor_numbers import measurement_jacobian
 from baqueano.geometry import map_from_body, wrap
+from baqueano.guides.route import Route
 from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_voltage
 from baqueano.identify.data.record import FitRecord, make_record
@@ -43,9 +44,6 @@ from baqueano.signals import NANOSECONDS, seconds
 from baqueano.simulate.closed_loop import closed_loop, drive_tick_count, loop_system, start_pose
 from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, begin
-
-if TYPE_CHECKING:
-    from baqueano.guides.route import Route
 
 NU = slice(3, 6)  # of (η, ν, ν̇)
 MIN_SINGULAR = 1e-3  # singular value of H: below it a direction of ν is not measured; its error counts as 0
@@ -125,7 +123,7 @@ class _ModelDrive(NamedTuple):
     measured: tuple[np.ndarray, ...] = ()  # two paths (N, 3) with the velocity that the residuals show  (4)
 
 
-def forecast(fit: "Fit", runs: Run | Sequence[Run], route: "Route | None" = None, name: str = "") -> Forecast:
+def forecast(fit: "Fit", runs: Run | Sequence[Run], route: Route | None = None, name: str = "") -> Forecast:
     """Return the open-loop errors that follow from the errors of a fit, over HORIZON_S of its runs and over one lap.
 
     Parameters
@@ -354,7 +352,7 @@ def _forecast_route(drives: Sequence[_ModelDrive]) -> Any:
 
 
 def _lap(
-    fit: Fit, paths: tuple[str, ...], theta: np.ndarray, route: "Route"
+    fit: Fit, paths: tuple[str, ...], theta: np.ndarray, route: Route
 ) -> tuple[tuple[np.ndarray, np.ndarray] | None, Diagnostic | str]:
     """Return steps (N,) and commands (N, n) of a lap that the model drives, or None and the reason."""
     vehicle_file = fit.vehicle_file

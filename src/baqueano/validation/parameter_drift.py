@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from statistics import NormalDist
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from baqueano.estimators.kalman import correct
 from baqueano.identify.fit import identify
 from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import substitute
+from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import text
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -37,10 +38,7 @@ from baqueano.messages.printable import baqueano_command
 from baqueano.messages.text_table import text_table
 from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.runs.run import Run
-
-if TYPE_CHECKING:
-    from baqueano.identify.result.fit_result import Fit
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 ALPHA = 0.01  # probability of reporting a change when nothing changed
 MIN_RUNS = 3  # runs; a drift needs more, the scatter needs MIN_RUNS + 2
@@ -92,7 +90,7 @@ class ParameterHistory(Result):
     walk: np.ndarray  # (p,) q: standard deviation of a parameter's change from run to run
     changes: tuple[ParameterChange, ...]
     refused_runs: tuple[str, ...]  # runs whose fit was refused
-    last: "Fit"  # of the last run that could be fitted
+    last: Fit  # of the last run that could be fitted
 
     @property
     def verdict(self) -> Verdict:
@@ -100,7 +98,7 @@ class ParameterHistory(Result):
         return Verdict.WARN if self.changes or self.refused_runs else Verdict.USABLE
 
     @property
-    def vehicle_file(self) -> "VehicleFile":
+    def vehicle_file(self) -> VehicleFile:
         """Return the file with the parameters after the last run."""
         value, std = self.filtered_values[-1], self.filtered_std[-1]
         is_measured = np.isfinite(value) & np.isfinite(std)
@@ -190,7 +188,7 @@ class Drift:
 
 def parameter_history(
     runs: Sequence["Run"],
-    vehicle_file: "VehicleFile",
+    vehicle_file: VehicleFile,
     free: Sequence[str] | None = None,
     *,
     use: Sequence[str] | None = None,
@@ -218,7 +216,7 @@ def parameter_history(
     return track_parameters(fits, [_run_date(run) for run in runs])
 
 
-def compare_fits(fits: Sequence["Fit"], names: Sequence[str] = ()) -> ParameterHistory:
+def compare_fits(fits: Sequence[Fit], names: Sequence[str] = ()) -> ParameterHistory:
     """Return the parameters of two or more fits, and the ones that changed; `names` replace those of the runs.
 
     Raise UsageError unless two of the fits are accepted.
@@ -232,7 +230,7 @@ def compare_fits(fits: Sequence["Fit"], names: Sequence[str] = ()) -> ParameterH
 
 
 def track_parameters(
-    fits: Sequence["Fit"], when: Sequence[str] = (), labels: Sequence[str] = ()
+    fits: Sequence[Fit], when: Sequence[str] = (), labels: Sequence[str] = ()
 ) -> ParameterHistory:
     """Return the history of the parameters from fits in order of time; `labels` name the fits.  (1), (2)"""
     units = {name: unit for fit in fits for name, unit in zip(fit.names, fit.units, strict=True)}
@@ -258,7 +256,7 @@ def track_parameters(
     )  # fmt: skip
 
 
-def _labels(fits: Sequence["Fit"]) -> list[str]:
+def _labels(fits: Sequence[Fit]) -> list[str]:
     """Return the names of the runs of each fit, with its number if two fits have the same runs."""
     labels = [" + ".join(fit.runs) for fit in fits]
     return [f"{k}: {x}" if labels.count(x) > 1 else x for k, x in enumerate(labels, 1)]

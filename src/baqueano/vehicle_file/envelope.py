@@ -15,18 +15,16 @@ and so does the check of a fit with held-out runs.
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import UsageError
+from baqueano.signals import Tick
 from baqueano.vehicle_file.tables import ReadReport, number_array, report_unknown_key
-
-if TYPE_CHECKING:
-    from baqueano.contracts.blocks import SensorBlocks
-    from baqueano.signals import Tick
 
 RANGE_MARGIN = 0.1
 MIN_REPORTED_SHARE = 0.01  # share of the values beyond (1) above which a name is reported
@@ -96,7 +94,7 @@ class EnvelopeMonitor:
             self._lowest[k] = np.min(x, initial=self._lowest[k])
             self._highest[k] = np.max(x, initial=self._highest[k])
 
-    def update(self, tick: "Tick") -> None:
+    def update(self, tick: Tick) -> None:
         """Count the values of one Tick of a drive that are outside the envelope."""
         if self.envelope.names:
             self._ticks.append(tick)
@@ -137,7 +135,7 @@ class EnvelopeMonitor:
 
 
 def read_envelope(
-    report: ReadReport, data: JsonObject, commands: Sequence[str], sensors: "SensorBlocks"
+    report: ReadReport, data: JsonObject, commands: Sequence[str], sensors: SensorBlocks
 ) -> Envelope | None:
     """Return the table [envelope], checked against `commands` and `sensors` of the file; None without this table."""
     table, path = data.get("envelope"), ("envelope",)
@@ -165,7 +163,7 @@ def read_envelope(
     return Envelope(tuple(names), low, high, run)
 
 
-def _are_names(names: object, commands: Sequence[str], sensors: "SensorBlocks") -> bool:
+def _are_names(names: object, commands: Sequence[str], sensors: SensorBlocks) -> bool:
     """Return True if `names` are the commands, followed by channels of the file's sensors."""
     if not isinstance(names, list) or names[: len(commands)] != list(commands):
         return False

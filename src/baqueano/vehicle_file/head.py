@@ -2,7 +2,7 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,9 +11,7 @@ from baqueano.geometry import axes_rotation
 from baqueano.parameter import INF, parameter
 from baqueano.sensors.imu_filter import ACCEL_RANGES_G, GYRO_RANGES_DPS, MPU6050_BANDS
 from baqueano.vehicle_file.tables import ReadReport, arguments, missing_keys, table_keys
-
-if TYPE_CHECKING:
-    from baqueano.vehicles.state import DynamicVehicle
+from baqueano.vehicles.state import DynamicVehicle
 
 FORMAT_VERSION = 1
 TOP_LEVEL_KEYS = ("format", "name", "about", "rate_hz")
@@ -222,7 +220,7 @@ def _check_imu(report: ReadReport, hardware: Hardware) -> None:
         report.add_problem(("robot", "imu_axes"), "vehicle.imu-axes", value=list(hardware.imu_axes))
 
 
-def read_command(report: ReadReport, channels: Channels, vehicle: "DynamicVehicle") -> CommandSpec:
+def read_command(report: ReadReport, channels: Channels, vehicle: DynamicVehicle) -> CommandSpec:
     """Return names, unit and limits of the command. Raise FileError if their number does not fit the vehicle."""
     n, names = int(getattr(vehicle, "commands", len(channels.names))), channels.names
     if len(names) != n:

@@ -7,10 +7,11 @@
 Without a radius (1) is only a notice, so that the paper's case study can be loaded as printed (errata 4).
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.contracts.time_limit import HANG_S, within
 from baqueano.diagnostics import Diagnostic, note
@@ -21,10 +22,7 @@ from baqueano.vehicle_file.head import Channels, Geometry, reach_m, solid_inerti
 from baqueano.vehicle_file.tables import ReadReport, format_array
 from baqueano.vehicles.freedoms import damping_derivatives, decay_rates
 from baqueano.vehicles.rk4 import row_rate_hz
-
-if TYPE_CHECKING:
-    from baqueano.contracts.blocks import SensorBlocks
-    from baqueano.vehicles.state import DynamicVehicle
+from baqueano.vehicles.state import DynamicVehicle
 
 MIN_DENSITY_KG_M2, MAX_DENSITY_KG_M2 = 0.5, 5000.0  # kg per m² of floor
 RK4_LIMIT = 2.785
@@ -32,7 +30,7 @@ MIN_DENSITY_KG_M3 = 20.0  # kg/m³: the least plausible density of a body
 MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S = 30.0, 100.0  # m/s, rad/s: beyond, a notice
 
 
-def check_body(report: ReadReport, vehicle: "DynamicVehicle", geometry: Geometry) -> None:
+def check_body(report: ReadReport, vehicle: DynamicVehicle, geometry: Geometry) -> None:
     """Check mass, inertia and dimensions of a rigid body, and add contradictions to `report`.  (1), (2)"""
     _check_measures(report, geometry)
     mass, inertia = getattr(vehicle, "mass_kg", None), getattr(vehicle, "inertia_kg_m2", None)
@@ -102,7 +100,7 @@ def _check_inertia(report: ReadReport, mass: float, inertia: float, geometry: Ge
         report.add_problem(path, "vehicle.inertia-of-point", measure=measure, **figures)
 
 
-def check_drive(report: ReadReport, vehicle: "DynamicVehicle", channels: Channels, rate_hz: float) -> None:
+def check_drive(report: ReadReport, vehicle: DynamicVehicle, channels: Channels, rate_hz: float) -> None:
     """Check that the vehicle can move, that a tick is short enough to integrate it, and that its speed is plausible."""
     _check_dead_zones(report, vehicle, channels)
     if is_dynamic(vehicle) and _has_acceleration(report, vehicle):
@@ -110,7 +108,7 @@ def check_drive(report: ReadReport, vehicle: "DynamicVehicle", channels: Channel
         _notice_speed(report, vehicle, channels)
 
 
-def _has_acceleration(report: ReadReport, vehicle: "DynamicVehicle") -> bool:
+def _has_acceleration(report: ReadReport, vehicle: DynamicVehicle) -> bool:
     """Return True if nu_dot returns a finite, real array (3,) at rest; otherwise add a problem."""
     try:
         with np.errstate(all="ignore"):
@@ -129,7 +127,7 @@ def _has_acceleration(report: ReadReport, vehicle: "DynamicVehicle") -> bool:
     return False
 
 
-def _check_dead_zones(report: ReadReport, vehicle: "DynamicVehicle", channels: Channels) -> None:
+def _check_dead_zones(report: ReadReport, vehicle: DynamicVehicle, channels: Channels) -> None:
     drivetrain = vehicle.drivetrain
     if not has_field(drivetrain, "dead_zone_forward"):  # a drivetrain of the user
         return
@@ -146,7 +144,7 @@ def _check_dead_zones(report: ReadReport, vehicle: "DynamicVehicle", channels: C
             )
 
 
-def _check_steps(report: ReadReport, vehicle: "DynamicVehicle", rate_hz: float) -> None:
+def _check_steps(report: ReadReport, vehicle: DynamicVehicle, rate_hz: float) -> None:
     """Add a problem for friction whose time constant is below row/2.785, because RK4 is then unstable.  (3)"""
     fading_rates, row_rate = decay_rates(vehicle), row_rate_hz(rate_hz)
     for i in np.flatnonzero(fading_rates > RK4_LIMIT * row_rate):
@@ -159,7 +157,7 @@ def _check_steps(report: ReadReport, vehicle: "DynamicVehicle", rate_hz: float) 
         )  # fmt: skip
 
 
-def _fastest_path(vehicle: "DynamicVehicle", i: int) -> str:
+def _fastest_path(vehicle: DynamicVehicle, i: int) -> str:
     """Return the path of the friction that damps motion along axis i most, or of a time constant without friction."""
     model, model_fields = {"model": vehicle}, dict(all_parameters(vehicle, "model"))
     rate_by_path = {
@@ -176,7 +174,7 @@ def _fastest_path(vehicle: "DynamicVehicle", i: int) -> str:
     )
 
 
-def _slowing_keys(vehicle: "DynamicVehicle", path: str, i: int) -> list[str]:
+def _slowing_keys(vehicle: DynamicVehicle, path: str, i: int) -> list[str]:
     """Return keys in the table of `path` that would slow the decay of motion along axis i if they were larger.
 
     Keys of quantities that the user measures are excluded.
@@ -193,7 +191,7 @@ def _slowing_keys(vehicle: "DynamicVehicle", path: str, i: int) -> list[str]:
     ]
 
 
-def _notice_speed(report: ReadReport, vehicle: "DynamicVehicle", channels: Channels) -> None:
+def _notice_speed(report: ReadReport, vehicle: DynamicVehicle, channels: Channels) -> None:
     """Add a notice if a command at its limit still accelerates the vehicle at the speed MAX_SPEED_M_S or
     MAX_YAW_RATE_RAD_S.
     """
@@ -209,7 +207,7 @@ def _notice_speed(report: ReadReport, vehicle: "DynamicVehicle", channels: Chann
                 return
 
 
-def check_sensors(report: ReadReport, sensors: "SensorBlocks", geometry: Geometry) -> None:
+def check_sensors(report: ReadReport, sensors: SensorBlocks, geometry: Geometry) -> None:
     """Check that each sensor is on the vehicle: its lever arm is at most 1.5 times the known distance to the edge."""
     R = reach_m(geometry)
     for name, sensor in sensors._asdict().items():

@@ -6,11 +6,11 @@ value in the unit of the file = factor · value in the other unit (+ offset)    
 from math import pi
 from typing import TYPE_CHECKING, NamedTuple
 
+from baqueano.contracts.blocks import SensorBlocks
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.signals import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from baqueano.contracts.blocks import SensorBlocks
     from baqueano.vehicle_file.file import VehicleFile
 
 CHANNEL_UNITS = {
@@ -142,7 +142,7 @@ def _unit_text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def channel_units(vehicle_file: "VehicleFile", sensors: "SensorBlocks | None" = None) -> dict[str, str]:
+def channel_units(vehicle_file: "VehicleFile", sensors: SensorBlocks | None = None) -> dict[str, str]:
     """Return the unit of each channel by its name, such as "imu[2]", of the file's sensors or of `sensors`."""
     blocks = (sensors or vehicle_file.sensors)._asdict().items()
     return {

@@ -6,7 +6,6 @@ that is not in the run is silent.
 """
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,10 +15,8 @@ from baqueano.errors import Invalid
 from baqueano.runs import Channel, Run
 from baqueano.signals import Command, Motion, Tick
 from baqueano.supervisor import Supervisor
+from baqueano.vehicle_file.file import VehicleFile
 from baqueano.worlds.gaps import fill_gaps, period_ns
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file.file import VehicleFile
 
 
 class ReplayedWorld(World):
@@ -92,7 +89,7 @@ class ReplayedWorld(World):
         return [(int(log.t_ns[k]), Motion(log.eta[k], log.nu[k], log.nu_dot[k], level)) for k in rows]
 
 
-def replay_supervisor(run: Run, vehicle_file: "VehicleFile") -> Supervision:
+def replay_supervisor(run: Run, vehicle_file: VehicleFile) -> Supervision:
     """Return the supervisor of a replay: that of the file, or for an imported recording one without limits of motion.
 
     The supervisor of the file took part in a drive of ours, so its replay repeats its stop. A recording of others was

@@ -20,7 +20,6 @@ from baqueano.diagnostics import Diagnostic, note
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
-    from baqueano.diagnostics import Diagnostic
     from baqueano.drive.by_hand.cockpit import Cockpit
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
@@ -133,7 +132,7 @@ def relative_ticks(clock: Iterable[int]) -> Iterator[int]:
 
 
 @contextmanager
-def stop_on_signals(stop: Callable[["Diagnostic"], object]) -> Iterator[None]:
+def stop_on_signals(stop: Callable[[Diagnostic], object]) -> Iterator[None]:
     """Stop the vehicle by `stop` if the terminal hangs up or another process ends the program."""
     from baqueano.diagnostics import StopReason
     from baqueano.diagnostics import stop as because

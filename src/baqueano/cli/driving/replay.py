@@ -1,7 +1,6 @@
 """Define `baqueano replay`: send the data of a run through blocks again, and compare."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -10,10 +9,7 @@ from baqueano.cli.next_command import advise_to_fit
 from baqueano.cli.page import live
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, show_activity, show_time_progress
-from baqueano.diagnostics import note
-
-if TYPE_CHECKING:
-    from baqueano.diagnostics import Diagnostic
+from baqueano.diagnostics import Diagnostic, note
 
 
 @click.command(help="Process RUN again with the same blocks, or with others, and compare.")
@@ -91,7 +87,7 @@ def _default_file_text() -> str:
     return options.DEFAULT_FILE.read_text(encoding="utf-8", errors="replace")
 
 
-def _stops_are_equal(stop: "Diagnostic | None", recorded_stop: "Diagnostic | None") -> bool:
+def _stops_are_equal(stop: Diagnostic | None, recorded_stop: Diagnostic | None) -> bool:
     """Return True if both stops are the same. A stop that was recorded without a code is compared by its text."""
     from baqueano.messages import text
 

@@ -30,12 +30,12 @@ from baqueano.drive.session import Conditions
 from baqueano.errors import RobotUnreachable, SafetyStop
 from baqueano.loop import Blocks, Record
 from baqueano.messages.printable import baqueano_command
+from baqueano.signals import Motion
+from baqueano.vehicle_file.file import VehicleFile
 
 if TYPE_CHECKING:
     from baqueano.door.remote import Remote
     from baqueano.drive.mission import Mission
-    from baqueano.signals import Motion
-    from baqueano.vehicle_file.file import VehicleFile
 
 SEND_PERIOD_S = 0.2  # between states
 PAGE_RATE_HZ = 20.0  # frames of a robot
@@ -49,7 +49,7 @@ class BodyWorld(World, Protocol):
     """A simulated or emulated world with a body."""
 
     @property
-    def truth(self) -> "Motion":
+    def truth(self) -> Motion:
         """Return the true motion of the body."""
         ...
 
@@ -58,7 +58,7 @@ class DriveDoor:
     """The connection of one subcommand to the page. With `by_hand`, a person drives from the page, and begins."""
 
     def __init__(
-        self, file: "VehicleFile", world: str, folder: Path, pace: float = 1.0, by_hand: bool = False
+        self, file: VehicleFile, world: str, folder: Path, pace: float = 1.0, by_hand: bool = False
     ) -> None:
         self.operator, self.pace, self.by_hand = Operator(), PacedClock(pace), by_hand
         self.listens, self.visited = threading.Event(), threading.Event()
@@ -104,9 +104,7 @@ class DriveDoor:
             self._end(request[2], fault("cli.page-by-hand"), SafetyStop.exit_code)
         raise RobotUnreachable.of("cli.page-ended")
 
-    def local_options(
-        self, mission: "Mission", file: "VehicleFile", mission_options: JsonObject
-    ) -> JsonObject:
+    def local_options(self, mission: "Mission", file: VehicleFile, mission_options: JsonObject) -> JsonObject:
         """Return the options of a drive in this process. With them the page shows the drive and sets its pace."""
         mission_options = ({"eta": mission.start_pose} if mission.kind == "repeat" else {}) | mission_options
         if "world" not in mission_options:
@@ -171,7 +169,7 @@ class DriveDoor:
             self._state = DoorState.MANUAL if mission.is_manual else DoorState.MISSION
         self.publish(at_once=True)
 
-    def on_record(self, record: Record, truth: "Motion") -> None:
+    def on_record(self, record: Record, truth: Motion) -> None:
         """Show a tick of a drive in this process on the page."""
         self._record = record
         self.frames.on_record(record, truth, late_ms=self.pace.late_ms)
@@ -246,7 +244,7 @@ class DriveDoor:
 class _PageObserver(Observer):
     """The observer that sends a drive to the page."""
 
-    def __init__(self, door: DriveDoor, mission: "Mission", file: "VehicleFile", world: BodyWorld) -> None:
+    def __init__(self, door: DriveDoor, mission: "Mission", file: VehicleFile, world: BodyWorld) -> None:
         self._door, self._mission, self._file, self._world = door, mission, file, world
 
     def begin(self, blocks: Blocks) -> Blocks:

@@ -12,19 +12,19 @@ from baqueano.contracts.values import JsonObject
 from baqueano.drive.health import degraded_note
 from baqueano.errors import BaqueanoError
 from baqueano.geometry import map_from_body
+from baqueano.guides.route import Route
+from baqueano.loop import Record
 from baqueano.signals import seconds
+from baqueano.vehicle_file.file import VehicleFile
 
 if TYPE_CHECKING:
     from baqueano.drive.mission import Mission
-    from baqueano.guides.route import Route
-    from baqueano.loop import Record
-    from baqueano.vehicle_file.file import VehicleFile
 
 ROLES = ("estimator", "guide", "controller")
 
 
 def vehicle_description(
-    vehicle_file: "VehicleFile", world: str, seed: int | None = None, blocks: dict[str, str] | None = None
+    vehicle_file: VehicleFile, world: str, seed: int | None = None, blocks: dict[str, str] | None = None
 ) -> JsonObject:
     """Return the description of a vehicle that a page needs before the first frame.
 
@@ -62,7 +62,7 @@ def vehicle_description(
     }  # fmt: skip
 
 
-def scalar_gains(vehicle_file: "VehicleFile", kind: str | None = None) -> dict[str, float]:
+def scalar_gains(vehicle_file: VehicleFile, kind: str | None = None) -> dict[str, float]:
     """Return path → value of the scalar gains, such as "controller.k_x"; {} if the controller cannot be built."""
     try:
         controller = vehicle_file.controller(kind)
@@ -83,7 +83,7 @@ def adjustable_names(block: object) -> list[str]:
 
 
 def route_description(
-    route: "Route | None", name: str = "", laps: int = 1, room: JsonObject | None = None
+    route: Route | None, name: str = "", laps: int = 1, room: JsonObject | None = None
 ) -> JsonObject:
     """Return the message of a drive's route; its lists of points are empty if `route` is None.
 
@@ -107,7 +107,7 @@ def _limit(free_m: Sequence[float], start: Sequence[float], origin: np.ndarray) 
     return {"x": points[:, 0].tolist(), "y": points[:, 1].tolist()}
 
 
-def drive_description(mission: "Mission | None", record: "Record | None") -> JsonObject:
+def drive_description(mission: "Mission | None", record: Record | None) -> JsonObject:
     """Return the fields of the state message about the present mission and its last tick; None if unknown.
 
     The mission is one of `with_durations`.
@@ -126,7 +126,7 @@ def _mission_description(mission: "Mission | None", t_s: float) -> JsonObject:
     return {"mission": mission.kind, "laps": laps, "t_s": round(t_s, 3), "left_s": remaining_s, **rest}
 
 
-def _motion_description(record: "Record | None") -> JsonObject:
+def _motion_description(record: Record | None) -> JsonObject:
     """Return command, request, speed, yaw rate and degraded sensors of a tick, {} without a tick."""
     if record is None:
         return {}

@@ -17,20 +17,20 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.blocks import Estimator
 from baqueano.contracts.values import JsonObject
 from baqueano.door.frames.descriptions import route_description, vehicle_description
 from baqueano.door.frames.route_progress import RouteProgress
 from baqueano.drive.health import normalised_innovation_squared
+from baqueano.guides.route import Route
+from baqueano.loop import Record
 from baqueano.monitor.sensor_monitor import innovation_channels
 from baqueano.signals import NANOSECONDS, Motion, seconds
+from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicle_file.units import channel_unit
 
 if TYPE_CHECKING:
-    from baqueano.contracts.blocks import Estimator
     from baqueano.drive.mission import Mission
-    from baqueano.guides.route import Route
-    from baqueano.loop import Record
-    from baqueano.vehicle_file.file import VehicleFile
 
 MAX_STORED_TICKS = 1024  # ticks that are kept for slow clients
 # rows that are made before the door reads again: a fast simulation makes thousands of ticks per second
@@ -70,13 +70,13 @@ class Column(NamedTuple):
 class RecordedTick(NamedTuple):
     """A tick, and values that its record does not contain: the true motion, the battery voltage, and the delay."""
 
-    record: "Record"
+    record: Record
     truth: Motion | None
     battery_v: float
     late_ms: float
 
 
-def row_columns(vehicle_file: "VehicleFile") -> list[Column]:
+def row_columns(vehicle_file: VehicleFile) -> list[Column]:
     """Return the columns of the rows of this vehicle, in order."""
     columns = [Column("t", "s", "time")]
     columns += [Column(name, unit, PREFIX_KINDS[name.partition(".")[0]]) for name, unit in ESTIMATE_COLUMNS]
@@ -102,9 +102,9 @@ def row_columns(vehicle_file: "VehicleFile") -> list[Column]:
 class DriveRows:
     """The rows of one drive, made from its ticks for the clients that watch it."""
 
-    vehicle_file: "VehicleFile"
-    estimator: "Estimator | None" = None  # the estimator of the drive
-    route: "Route | None" = None
+    vehicle_file: VehicleFile
+    estimator: Estimator | None = None  # the estimator of the drive
+    route: Route | None = None
     ticks: deque[RecordedTick] = field(default_factory=lambda: deque(maxlen=MAX_STORED_TICKS))  # not yet rows
     tick_count: int = 0  # number of ticks stored by the loop
 
@@ -175,7 +175,7 @@ class DriveRows:
             *((NAN, NAN) if self._progress is None else self._progress.update(eta)), sample.battery_v, sample.late_ms,
         ]  # fmt: skip
 
-    def _innovations(self, record: "Record", channel_count: int) -> tuple[list[float], list[float], float]:
+    def _innovations(self, record: Record, channel_count: int) -> tuple[list[float], list[float], float]:
         """Return the innovation of each channel, its standard deviation, and the NIS; NaN for missing values.  (2)"""
         y, S = record.estimate.innovation, record.estimate.innovation_cov
         innovation, deviation = [NAN] * channel_count, [NAN] * channel_count
@@ -207,7 +207,7 @@ class Frames:
         self._descriptions: list[JsonObject] = []
 
     def begin(
-        self, vehicle_file: "VehicleFile", world: str, seed: int | None = None, estimator: "Estimator | None" = None,
+        self, vehicle_file: VehicleFile, world: str, seed: int | None = None, estimator: Estimator | None = None,
         mission: "Mission | None" = None, name: str = "",
     ) -> None:  # fmt: skip
         """Begin a drive, or announce the vehicle before its first drive; `name` is the name of the route."""
@@ -224,7 +224,7 @@ class Frames:
             self._drive, self._descriptions = drive, descriptions
 
     def on_record(
-        self, record: "Record", truth: Motion | None = None, battery_v: float = NAN, late_ms: float = NAN
+        self, record: Record, truth: Motion | None = None, battery_v: float = NAN, late_ms: float = NAN
     ) -> None:
         """Store a tick without waiting."""
         if (drive := self._drive) is not None:

@@ -18,13 +18,13 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.drive.observers import EventLine, Observer
 from baqueano.errors import SafetyStop, UsageError
+from baqueano.loop import Blocks, Record
 from baqueano.signals import seconds
 from baqueano.worlds.faults.ledger import Ledger, LedgerRow
 
 if TYPE_CHECKING:
     from baqueano.door.operator import Operator
     from baqueano.door.simulated.missions import MissionPlan
-    from baqueano.loop import Blocks, Record
     from baqueano.worlds.faulty_world import FaultyWorld
 
 LEDGER_PERIOD_S = 0.5  # drive time between two messages `ledger` while a fault is active
@@ -113,7 +113,7 @@ class _LedgerObserver(Observer):
         self._ledger: Ledger | None = None
         self._published_s, self._has_changed = 0.0, True
 
-    def begin(self, blocks: "Blocks") -> "Blocks":
+    def begin(self, blocks: Blocks) -> Blocks:
         self._ledger = Ledger(self._file, blocks.estimator)
         return blocks
 
@@ -122,7 +122,7 @@ class _LedgerObserver(Observer):
             self._ledger.on_event(t_ns, source, event)
             self._has_changed = self._has_changed or bool(self._ledger.rows)
 
-    def on_record(self, record: "Record") -> None:
+    def on_record(self, record: Record) -> None:
         ledger, estimate = self._ledger, record.estimate
         if ledger is None:
             return

@@ -16,7 +16,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,17 +23,15 @@ from baqueano.contracts.values import JsonObject
 from baqueano.door.frames.descriptions import ROLES
 from baqueano.drive.mission import Mission, unpack
 from baqueano.errors import FileError, UsageError
+from baqueano.guides.route import Route
 from baqueano.guides.shapes import shape
 from baqueano.runs.folder import plain_label
 from baqueano.runs.route_file import read_route
 from baqueano.vehicle_file import load
+from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicle_file.text.toml_text import read_text
 from baqueano.worlds.faults.fault import Fault
 from baqueano.worlds.faulty_world import MAX_FAULTS
-
-if TYPE_CHECKING:
-    from baqueano.guides.route import Route
-    from baqueano.vehicle_file.file import VehicleFile
 
 SIZE_M, SPEED_M_S = 1.0, 0.25  # defaults of a shape
 DEFAULT_DURATION_S = 60.0  # default duration of an experiment
@@ -46,7 +43,7 @@ class MissionPlan:
     """A mission, its vehicle file, and the options of its simulation and its result."""
 
     mission: Mission
-    vehicle_file: "VehicleFile"
+    vehicle_file: VehicleFile
     name: str = ""  # name of its route
     route_name: str = ""  # the name under which a taught route is stored
     closed: bool | None = None  # True for a closed route; None: closed if the drive returned to its start
@@ -65,7 +62,7 @@ class MissionPlan:
 
 @contextmanager
 def mission_plan(
-    mission_json: str, vehicle_file: "VehicleFile", routes: "StoredRoutes", seed: int
+    mission_json: str, vehicle_file: VehicleFile, routes: "StoredRoutes", seed: int
 ) -> Iterator[MissionPlan]:
     """Yield the plan of a mission in JSON, which is a whole mission or a request by name.
 
@@ -94,7 +91,7 @@ def mission_plan(
         yield MissionPlan(mission, vehicle_file, seed=seed, faults=faults, fast_until_s=fast_until_s)
 
 
-def reload_if_changed(vehicle_file: "VehicleFile") -> "VehicleFile":
+def reload_if_changed(vehicle_file: VehicleFile) -> VehicleFile:
     """Return the vehicle file, read again if it has changed on the disk, as after gains were written.
 
     Raise FileError if it is broken.
@@ -120,7 +117,7 @@ class StoredRoutes:
             raise FileError.of("door.route-name", value=repr(name))
         return self.folder / f"{name}.csv"
 
-    def read(self, name: str) -> "Route":
+    def read(self, name: str) -> Route:
         """Return the stored route with this name. Raise FileError if it does not exist."""
         if not (path := self.path(name)).is_file():
             raise FileError.of("door.no-route", value=repr(name), valid=[*self.names()])
@@ -147,7 +144,7 @@ class StoredRoutes:
 
 
 def _named_plan(
-    kind: str, request: JsonObject, vehicle_file: "VehicleFile", routes: StoredRoutes, seed: int
+    kind: str, request: JsonObject, vehicle_file: VehicleFile, routes: StoredRoutes, seed: int
 ) -> MissionPlan:
     match kind:
         case "teach":

@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
@@ -34,11 +33,9 @@ from baqueano.messages import templates
 from baqueano.runs import read_run
 from baqueano.runs.folder import release_path, reserve_path
 from baqueano.runs.route_file import write_route
+from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicle_file.units import channel_units
 from baqueano.worlds import FaultyWorld
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file.file import VehicleFile
 
 Handler = Callable[[object, JsonObject], JsonObject | None]
 IDLE_S, STATE_PERIOD_S = 0.02, 0.2
@@ -49,8 +46,8 @@ class SimulatedService:
     """The service of the vehicle `vehicle_file`. Its body is simulated with `truth`. `broadcast` sends a message to
     all clients."""
 
-    vehicle_file: "VehicleFile"
-    truth: "VehicleFile"
+    vehicle_file: VehicleFile
+    truth: VehicleFile
     folder: Path  # folder of the runs
     routes: StoredRoutes
     seed: int = 0  # seed of the first drive; each later drive adds 1

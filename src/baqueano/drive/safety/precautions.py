@@ -2,7 +2,6 @@
 
 from dataclasses import asdict, dataclass, fields
 from inspect import signature
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,9 +21,7 @@ from baqueano.guides.route import Route
 from baqueano.routes.capability import Capability
 from baqueano.routes.room import Room, vehicle_room
 from baqueano.symbolic import TraceError
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 MIN_SPEED_M_S = 0.01  # a slower sample is treated as rest
 MIN_RADIUS_M, MAX_RADIUS_M = 0.15, 20.0  # limits of the radius of a path to the route
@@ -57,7 +54,7 @@ class Precautions:
 
     @classmethod
     def split_options(
-        cls, options: JsonObject, vehicle_file: "VehicleFile"
+        cls, options: JsonObject, vehicle_file: VehicleFile
     ) -> "tuple[Precautions, JsonObject]":
         """Split `options` into precautions and other options, and return both. Raise UsageError for an invalid room.
 
@@ -100,7 +97,7 @@ class Precautions:
             raise UsageError.of("mission.damaged", kind=type(error).__name__, error=error) from error
 
     def wrap_guide(
-        self, guide: Guide, route: Route, vehicle_file: "VehicleFile", start: np.ndarray, estimator: Estimator,
+        self, guide: Guide, route: Route, vehicle_file: VehicleFile, start: np.ndarray, estimator: Estimator,
     ) -> Guide:  # fmt: skip
         """Return the guide with a path to the start of the route (`lead_in`) and a path back to it (`way_back`).
 
@@ -119,7 +116,7 @@ class Precautions:
             guide = GuideSequence.with_lead_in(guide, route, **limits)
         return GuideSequence.with_way_back(guide, route, **limits) if self.way_back else guide
 
-    def observers(self, vehicle_file: "VehicleFile", route: Route, planned_s: float) -> tuple[Observer, ...]:
+    def observers(self, vehicle_file: VehicleFile, route: Route, planned_s: float) -> tuple[Observer, ...]:
         """Return the observers that slow down and stop the drive of `planned_s`, and examine its end."""
         max_std_m = getattr(vehicle_file.supervisor(), "max_position_std_m", float("inf"))
         lead_in = DriveTo.to_route(route, **approach_limits(route, vehicle_file)) if self.lead_in else None
@@ -133,7 +130,7 @@ class Precautions:
         return tuple(watch)
 
 
-def approach_limits(route: Route, vehicle_file: "VehicleFile") -> dict[str, float]:
+def approach_limits(route: Route, vehicle_file: VehicleFile) -> dict[str, float]:
     """Return the median speed of a route [m/s], a turning radius [m], and the length [m] on which such a turn begins.
 
     The radius and the length are for this speed, with a margin.

@@ -10,7 +10,6 @@ lap to lap. The drive therefore ends when the vehicle might touch a wall, before
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,9 +21,7 @@ from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.geometry import map_from_body
 from baqueano.guides.route import Route
 from baqueano.loop import Record
-
-if TYPE_CHECKING:
-    from baqueano.routes.room import Room
+from baqueano.routes.room import Room
 
 STOPPING_S = 0.3
 MIN_DECELERATION_M_S2 = 0.01  # of a model without friction
@@ -56,7 +53,7 @@ class RoomWatch(Observer):
     `stopping_m` is the function s of (3).
     """
 
-    def __init__(self, room: "Room", origin: np.ndarray, stopping_m: Callable[[float], float]) -> None:
+    def __init__(self, room: Room, origin: np.ndarray, stopping_m: Callable[[float], float]) -> None:
         self._stopping_m = stopping_m
         self._free_half_width_m, self._start = room.free_half_width_m, np.asarray(room.start)
         self._origin = origin
@@ -64,7 +61,7 @@ class RoomWatch(Observer):
         self._reason: Diagnostic | None = None
 
     @classmethod
-    def for_route(cls, route: Route, room: "Room", vehicle: Tree) -> "RoomWatch":
+    def for_route(cls, route: Route, room: Room, vehicle: Tree) -> "RoomWatch":
         """Return the watch of a vehicle on this route, up to twice the largest speed of the route."""
         top_speed_m_s = max(float(np.max(np.abs(route.nu[:, 0]))), MIN_SPEED_M_S)
         return cls(room, route.eta[0], stopping_distance(vehicle, 2.0 * top_speed_m_s))

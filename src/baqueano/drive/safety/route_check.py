@@ -1,16 +1,12 @@
 """Check a route before the vehicle moves, for all requests: from the command line, Python, the page or a robot."""
 
-from typing import TYPE_CHECKING
-
 from baqueano.diagnostics import Diagnostic, Severity
 from baqueano.errors import AnswerNo
 from baqueano.guides.route import Route
 from baqueano.routes import examine
+from baqueano.routes.room import Room
 from baqueano.symbolic import TraceError
-
-if TYPE_CHECKING:
-    from baqueano.routes.room import Room
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 LIMIT_CODES = ("route.speed-too-high", "route.turns-too-fast", "route.curve-too-tight")  # limits of the model
 ACCEPTABLE_CODES = (*LIMIT_CODES, "route.gap")  # findings that the user can accept
@@ -18,8 +14,8 @@ ACCEPTABLE_CODES = (*LIMIT_CODES, "route.gap")  # findings that the user can acc
 
 def route_warnings(
     route: Route,
-    vehicle_file: "VehicleFile",
-    room: "Room | None" = None,
+    vehicle_file: VehicleFile,
+    room: Room | None = None,
     *,
     measured: bool = True,
     anyway: bool = False,

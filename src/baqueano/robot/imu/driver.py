@@ -21,12 +21,12 @@ import numpy as np
 from baqueano.errors import RobotUnreachable
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
+from baqueano.robot.imu.i2c import I2cDevice
 from baqueano.robot.imu.mpu6050 import Mpu6050, detect_chip, find_chip
 from baqueano.robot.imu.settings import SECOND, ImuSettings, OpenedImu
 from baqueano.signals import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from baqueano.robot.imu.i2c import I2cDevice
     from baqueano.vehicle_file.head import Hardware
 
 ADDRESSES = (0x68, 0x69)
@@ -90,7 +90,7 @@ def start_imu(
     )
 
 
-def time_burst(device: "I2cDevice", now_ns: Callable[[], int]) -> float:
+def time_burst(device: I2cDevice, now_ns: Callable[[], int]) -> float:
     """Return the shortest duration [s] of a burst of 14 bytes in BURST_COUNT attempts; NaN if all failed."""
     min_duration_s = float("nan")
     for _time in range(BURST_COUNT):

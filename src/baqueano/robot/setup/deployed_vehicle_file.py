@@ -6,7 +6,7 @@ every other key                                 the laptop's value
 
 import json
 from datetime import date
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,11 +15,9 @@ from baqueano.door.ssh import run_command, ssh_command, ssh_line
 from baqueano.errors import FileError, RobotUnreachable, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.robot import VEHICLE
+from baqueano.vehicle_file.file import VehicleFile
 from baqueano.vehicle_file.paths import key_exists
 from baqueano.vehicle_file.text.toml_text import parse_toml
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file.file import VehicleFile
 
 NON_VALUE_PREFIXES = ("provenance.", "parameter_cov.", "envelope.")  # keys that describe other keys
 CALIBRATION_RUN = "calibrate imu"  # the `run` in the provenance of calibrated values
@@ -34,7 +32,7 @@ class RenewedFile(NamedTuple):
     lines: list[str]  # the changes, key by key
 
 
-def renew_file(host: str, vehicle_file: "VehicleFile", root: str = "/") -> RenewedFile:
+def renew_file(host: str, vehicle_file: VehicleFile, root: str = "/") -> RenewedFile:
     """Return the new file for HOST, made from the laptop's `vehicle_file` and the calibration at HOST.
 
     Raise RobotUnreachable if the robot's present file cannot be read. Raise UsageError if that file contains a
@@ -75,8 +73,8 @@ def differences(former_data: JsonObject, new_data: JsonObject) -> list[str]:
 
 
 def _with_calibration(
-    host: str, vehicle_file: "VehicleFile", robot_data: JsonObject
-) -> tuple["VehicleFile", list[str]]:
+    host: str, vehicle_file: VehicleFile, robot_data: JsonObject
+) -> tuple[VehicleFile, list[str]]:
     """Return the file with each calibration of the robot that it does not replace by a newer one, and lines of text."""
     leaves = _flat_values(robot_data)
     values: JsonObject = {}

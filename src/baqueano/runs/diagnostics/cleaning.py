@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, note
@@ -10,16 +9,14 @@ from baqueano.numerics.parallel import parallel_map
 from baqueano.runs.diagnostics import physical_units, samples, timestamps
 from baqueano.runs.maps.columns import KINDS
 from baqueano.runs.run import Channel, Run
+from baqueano.vehicle_file import VehicleFile
 from baqueano.vehicle_file.units import NON_MOTION_CHANNELS
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
 
 SIZE_KINDS = {1: "odometer", 2: "wheels", 3: "imu"}
 
 
 def clean(
-    runs: list[Run], vehicle_file: "VehicleFile", sensors: dict[str, Tree]
+    runs: list[Run], vehicle_file: VehicleFile, sensors: dict[str, Tree]
 ) -> tuple[list[Run], tuple[Diagnostic, ...]]:
     """Return the runs without impossible measurements, split at jumps of time, and messages on the faults."""
 
@@ -49,7 +46,7 @@ def _samples(run: Run, sensors: dict[str, Tree]) -> tuple[Run, list[Diagnostic]]
     return replace(run, sensors=channels) if messages else run, messages
 
 
-def unused_sensors(runs: Sequence[Run], vehicle_file: "VehicleFile") -> list[Diagnostic]:
+def unused_sensors(runs: Sequence[Run], vehicle_file: VehicleFile) -> list[Diagnostic]:
     """Return a note for each motion sensor of the runs that the vehicle file lacks, with its likely kind."""
     channels: dict[str, Channel] = {}
     for run in runs:

@@ -6,7 +6,6 @@ continues if the map lists the error under `accept`.
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,15 +16,13 @@ from baqueano.runs.diagnostics.motion_checks import motion_findings
 from baqueano.runs.diagnostics.physical_limits import commands, limit_findings
 from baqueano.runs.diagnostics.repeated_readings import find_repeats, is_read_too_fast
 from baqueano.runs.diagnostics.truth import truth_findings
+from baqueano.runs.maps.columns import ColumnMap
 from baqueano.runs.run import Run
-
-if TYPE_CHECKING:
-    from baqueano.runs.maps.columns import ColumnMap
 
 LONG_HOLD_FACTOR = 10.0  # times the median duration of a value: the vehicle is at rest
 
 
-def accept_errors(findings: list[ImportFinding], m: "ColumnMap") -> tuple[ImportFinding, ...]:
+def accept_errors(findings: list[ImportFinding], m: ColumnMap) -> tuple[ImportFinding, ...]:
     """Return the findings, with accepted errors as warnings. Raise FileError if the map does not accept an error."""
     errors = [d for d in findings if d.level == "error" and d.code not in m.accept]
     if errors:
@@ -56,7 +53,7 @@ def _joined_diagnostic(findings: list[ImportFinding]) -> Diagnostic:
     return first
 
 
-def cross_check(run: Run, m: "ColumnMap") -> list[ImportFinding]:
+def cross_check(run: Run, m: ColumnMap) -> list[ImportFinding]:
     """Return all findings about a run."""
     findings: list[ImportFinding] = []
     for name, channel in run.sensors.items():

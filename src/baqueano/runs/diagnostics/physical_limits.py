@@ -13,7 +13,6 @@
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,13 +23,10 @@ from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.diagnostics.samples import channel_resolution
 from baqueano.runs.diagnostics.signal_map import MIN_SCALE_GAIN, channel_regression
 from baqueano.runs.interpolation import window_means
-from baqueano.runs.maps.columns import KINDS
+from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal
 from baqueano.runs.maps.units import unit
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import NANOSECONDS
-
-if TYPE_CHECKING:
-    from baqueano.runs.maps.columns import ColumnMap, ColumnSignal
 
 MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S = 60.0, 35.0  # of the vehicles that baqueano is for; 35 rad/s is 2000 deg/s
 KIND_LIMITS = {
@@ -53,7 +49,7 @@ MAX_COMMAND_RATIO = 1.2  # times a full command: rounding and trims stay below i
 MIN_COMMAND = 0.03  # a command too small to move a motor
 
 
-def limit_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
+def limit_findings(signal: ColumnSignal, channel: Channel, run: Run) -> Iterator[ImportFinding]:
     """Yield the findings about the unit of a sensor, from this sensor only."""
     peak = [_peak(z) for z in channel.z.T]
     is_outside, measurement_kind = False, signal.kind or ""
@@ -74,7 +70,7 @@ def limit_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
         yield from _curve_findings(signal, channel)
 
 
-def _grip_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
+def _grip_findings(signal: ColumnSignal, channel: Channel) -> Iterator[ImportFinding]:
     """Yield a finding about the unit if an acceleration exceeds the grip of tyres.  (1)"""
     for a, entry in zip(_window_means(channel).T[:2], signal.entries, strict=False):
         a = a[np.isfinite(a)]
@@ -115,7 +111,7 @@ def _rest_mask(run: Run, channel: Channel) -> np.ndarray:
     return at_rest if is_long and np.count_nonzero(at_rest) > 5 else np.zeros(len(at_rest), dtype=bool)
 
 
-def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
+def _gyro_findings(signal: ColumnSignal, channel: Channel, run: Run) -> Iterator[ImportFinding]:
     """Yield the findings about the gyro: its rate, and (2) at rest."""
     entry, rate, at_rest = signal.entries[2], channel.z[:, 2], _rest_mask(run, channel)
     remedy = (
@@ -141,7 +137,7 @@ def _gyro_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterat
         yield ImportFinding("fast turns", "warning", reason, remedy)
 
 
-def _accelerometer_findings(signal: "ColumnSignal", channel: Channel, run: Run) -> Iterator[ImportFinding]:
+def _accelerometer_findings(signal: ColumnSignal, channel: Channel, run: Run) -> Iterator[ImportFinding]:
     """Yield a finding for each accelerometer that is read in m/s², but whose steps or noise are typical of g.  (3)"""
     at_rest = _rest_mask(run, channel)
     for k, entry in enumerate(signal.entries[:2]):
@@ -182,7 +178,7 @@ def _robust_std(x: np.ndarray) -> float:
     return 1.4826 * float(np.median(np.abs(x - np.median(x))))
 
 
-def _curve_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[ImportFinding]:
+def _curve_findings(signal: ColumnSignal, channel: Channel) -> Iterator[ImportFinding]:
     """Yield a finding if a_y and ω_z imply a curve at an impossible speed.  (4)"""
     curve = channel_regression(*_window_means(channel).T[1:])
     if curve.is_clear(MIN_SCALE_GAIN) and (v := abs(curve.slope)) > MAX_CURVE_SPEED_M_S:
@@ -194,7 +190,7 @@ def _curve_findings(signal: "ColumnSignal", channel: Channel) -> Iterator[Import
         yield ImportFinding("curve", "warning", reason, remedy)
 
 
-def commands(run: Run, m: "ColumnMap") -> Iterator[ImportFinding]:
+def commands(run: Run, m: ColumnMap) -> Iterator[ImportFinding]:
     """Yield the findings about the unit of the commands."""
     wheels = run.applied_commands[:, [0, 0]] + run.applied_commands[:, [-1, -1]] * [-1.0, 1.0]
     columns, names = (wheels, ("left", "right")) if m.wheels else (run.applied_commands, m.names)

@@ -12,7 +12,7 @@ is nearer to 1 if wheels skid, or if values of the file are guesses. A gyro that
 (4) cannot separate a gyro from an accelerometer in another unit, and reports both.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,9 +26,7 @@ from baqueano.runs.run import Channel as Log
 from baqueano.runs.run import Run
 from baqueano.sensors.sampling import is_imu
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
-
-if TYPE_CHECKING:
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 CURVE_CODE = "gyro.or-accelerometer"  # the code of a message that names two possible causes
 MAX_UNIT_RATIO = 2.0  # either way: the tolerances of data sheet and scale together
@@ -40,7 +38,7 @@ MIN_REST_TICKS = 20  # ticks at rest
 FULL_SCALES = ((200.0, 256.0, "PWM (0 … 255)"), (90.0, 101.0, "%"))  # from, to
 
 
-def check_gyro_unit(run: Run, vehicle_file: "VehicleFile", name: str) -> list[Diagnostic]:
+def check_gyro_unit(run: Run, vehicle_file: VehicleFile, name: str) -> list[Diagnostic]:
     """Return a list with at most one message: the gyro is in another unit than the wheels, or than speed and sideways
     acceleration. The list is empty if the wheels of a sensor show the same yaw rate as the gyro. If only (4) shows the
     fault, the message names gyro or accelerometer. (3), (4)"""
@@ -108,7 +106,7 @@ def _window_means(log: Log, second_log: Log) -> tuple[np.ndarray, np.ndarray]:
     return mean[rows], second_mean[second_rows]
 
 
-def implausible_values(run: Run, vehicle_file: "VehicleFile", sensors: dict[str, Tree]) -> list[Diagnostic]:
+def implausible_values(run: Run, vehicle_file: VehicleFile, sensors: dict[str, Tree]) -> list[Diagnostic]:
     """Return messages on commands and readings that no small vehicle reaches, or that exceed the limits in its file."""
     messages = _command_messages(run, vehicle_file)
     for name, block in sensors.items():
@@ -118,7 +116,7 @@ def implausible_values(run: Run, vehicle_file: "VehicleFile", sensors: dict[str,
     return messages
 
 
-def _command_messages(run: Run, vehicle_file: "VehicleFile") -> list[Diagnostic]:
+def _command_messages(run: Run, vehicle_file: VehicleFile) -> list[Diagnostic]:
     command, messages = vehicle_file.command, []
     for j, (name, limit) in enumerate(zip(command.names, command.limit, strict=True)):
         peak = float(np.nanmax(np.abs(run.applied_commands[:, j]), initial=0.0))

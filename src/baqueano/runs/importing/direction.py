@@ -11,7 +11,6 @@ command a vehicle that rolls backward becomes slower, and one that moves forward
 """
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,10 +18,8 @@ from baqueano.diagnostics import note
 from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.diagnostics.motion_checks import names_steering
 from baqueano.runs.logs import log_rows
+from baqueano.runs.maps.columns import ColumnMap
 from baqueano.runs.run import Run
-
-if TYPE_CHECKING:
-    from baqueano.runs.maps.columns import ColumnMap
 
 NO_SIGN, SIGN_MISSING, EXCLUDED = "no sign", "recording.no-sign", "recording.no-sign-excluded"
 REST_SHARE, RISE_SHARE = 0.02, 0.1
@@ -30,7 +27,7 @@ MIN_COMMAND_SHARE = 0.02  # of the largest command: a smaller one does not move 
 
 
 def without_unknown_direction(
-    run: Run, m: "ColumnMap", findings: list[ImportFinding]
+    run: Run, m: ColumnMap, findings: list[ImportFinding]
 ) -> tuple[Run, list[ImportFinding]]:
     """Return the run, and the findings. If a finding states that an odometer lacks the sign, its readings in an unknown
     direction are excluded and counted. A map that accepts "no sign" keeps all readings.
@@ -86,6 +83,6 @@ def forward_readings(t_ns: np.ndarray, z: np.ndarray, u_ns: np.ndarray, u: np.nd
     return is_forward
 
 
-def _forward_command(run: Run, m: "ColumnMap") -> np.ndarray:
+def _forward_command(run: Run, m: ColumnMap) -> np.ndarray:
     """Return the command (N,) that drives the vehicle: the first one that does not steer."""
     return run.applied_commands[:, [names_steering(name) for name in m.names].index(False)]

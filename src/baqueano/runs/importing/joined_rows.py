@@ -7,24 +7,21 @@ rows contradict each other, and timing.py reports them.
 """
 
 from collections.abc import Collection
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.contracts.values import Value
 from baqueano.diagnostics import note
 from baqueano.runs.diagnostics.finding import ImportFinding
+from baqueano.runs.maps.columns import FileSpec
 from baqueano.runs.tables.cells import Cells
 from baqueano.runs.tables.table import MISSING_TEXTS, LogTable
-
-if TYPE_CHECKING:
-    from baqueano.runs.maps.columns import FileSpec
 
 
 def joined_rows(
     table: LogTable,
     t_ns: np.ndarray,
-    spec: "FileSpec",
+    spec: FileSpec,
     columns: Collection[str],
     findings: list[ImportFinding],
 ) -> tuple[LogTable, np.ndarray]:

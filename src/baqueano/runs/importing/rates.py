@@ -15,11 +15,11 @@ import numpy as np
 
 from baqueano.diagnostics import note
 from baqueano.runs.diagnostics.finding import ImportFinding
+from baqueano.runs.maps.columns import ColumnSignal
 from baqueano.signals import NANOSECONDS
 
 if TYPE_CHECKING:
     from baqueano.runs.importing.sources import Source
-    from baqueano.runs.maps.columns import ColumnSignal
 
 
 COUNTER_PERIODS = (2**8, 2**16, 2**32)
@@ -37,7 +37,7 @@ def rates(step: np.ndarray, dt_s: np.ndarray, are_means: bool) -> np.ndarray:
     return np.concatenate([[np.nan], row_rates, [np.nan]])[: len(step) + 1]
 
 
-def times_ns(signal: "ColumnSignal", source: "Source") -> tuple[np.ndarray, np.ndarray]:
+def times_ns(signal: ColumnSignal, source: "Source") -> tuple[np.ndarray, np.ndarray]:
     """Return the times and the arrivals (rows,) [ns] of a signal."""
     t_ns = source.t_ns + round(signal.mount.shift_s * NANOSECONDS)
     if signal.is_rate:
@@ -71,7 +71,7 @@ def counter_period(counts: np.ndarray) -> int:
     return 0
 
 
-def counter_findings(signal: "ColumnSignal", source: "Source") -> list[ImportFinding]:
+def counter_findings(signal: ColumnSignal, source: "Source") -> list[ImportFinding]:
     """Return a finding for each counter that begins again without `wraps` in the map."""
     findings = []
     for entry in signal.entries:

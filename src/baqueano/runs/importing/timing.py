@@ -4,8 +4,6 @@ A time that steps back, different rows with the same time, and a median step tha
 The error message contains the map line that resolves the problem. Gaps, jumps and equal repeated rows are reported.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from baqueano.contracts.values import JsonObject
@@ -13,12 +11,10 @@ from baqueano.diagnostics import note
 from baqueano.errors import FileError
 from baqueano.runs.diagnostics.finding import ImportFinding
 from baqueano.runs.importing.dates import NO_TIME_NS, parse_dates
+from baqueano.runs.maps.columns import ColumnMap, FileSpec
 from baqueano.runs.maps.units import unit
 from baqueano.runs.tables.table import LogTable
 from baqueano.signals import NANOSECONDS
-
-if TYPE_CHECKING:
-    from baqueano.runs.maps.columns import ColumnMap, FileSpec
 
 MIN_STEP_S, MAX_STEP_S = 5e-5, 10.0  # range of the median step of a vehicle's recording
 MIN_DURATION_S = 2.0  # a shorter recording does not show a vehicle's motion
@@ -33,7 +29,7 @@ MIN_CLOCK_JUMP_S = 600.0  # a longer pause is probably a clock that was set
 
 
 def row_times(
-    table: LogTable, spec: "FileSpec", start_ns: int, map_name: str, findings: list[ImportFinding]
+    table: LogTable, spec: FileSpec, start_ns: int, map_name: str, findings: list[ImportFinding]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the times (rows,) int64 [ns], and a mask of the known times. Add a finding if their counter overflows.
     Raise FileError for times that are not plausible.
@@ -66,7 +62,7 @@ def row_times(
     return t_ns, is_known
 
 
-def _number_times(table: LogTable, spec: "FileSpec") -> tuple[np.ndarray, np.ndarray]:
+def _number_times(table: LogTable, spec: FileSpec) -> tuple[np.ndarray, np.ndarray]:
     """Return the times (rows,) [ns] of a column of numbers, and a mask of the known times. Whole numbers stay exact."""
     si_factor = unit(spec.time_unit).si_factor  # pyright: ignore[reportOptionalMemberAccess]  the map was checked
     integers, factor = table.integers(spec.time), round(si_factor * NANOSECONDS)
@@ -106,7 +102,7 @@ def _without_overflows(
     return t_ns
 
 
-def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:
+def _dates(table: LogTable, spec: FileSpec) -> np.ndarray:
     cells = table.text(spec.time)
     try:
         return parse_dates(cells)
@@ -117,9 +113,9 @@ def _dates(table: LogTable, spec: "FileSpec") -> np.ndarray:
 def increasing_rows(
     table: LogTable,
     t_ns: np.ndarray,
-    spec: "FileSpec",
+    spec: FileSpec,
     used_columns: set[str],
-    m: "ColumnMap",
+    m: ColumnMap,
     findings: list[ImportFinding],
 ) -> np.ndarray:
     """Return the mask (rows,) of the rows to keep, so that time increases.
@@ -152,7 +148,7 @@ def increasing_rows(
 
 
 def _is_change_log(
-    table: LogTable, step_s: np.ndarray, spec: "FileSpec", used_columns: set[str], m: "ColumnMap"
+    table: LogTable, step_s: np.ndarray, spec: FileSpec, used_columns: set[str], m: ColumnMap
 ) -> bool:
     """Return True for a file of commands alone that were logged only when they changed: at irregular times, and almost
     never twice. The steps of such a file do not show gaps.
@@ -200,9 +196,9 @@ def _without_repeats(
     table: LogTable,
     t_ns: np.ndarray,
     is_kept: np.ndarray,
-    spec: "FileSpec",
+    spec: FileSpec,
     column_names: set[str],
-    m: "ColumnMap",
+    m: ColumnMap,
     findings: list[ImportFinding],
 ) -> np.ndarray:
     kept_rows = np.flatnonzero(is_kept)
@@ -253,8 +249,8 @@ def _check_steps(
     table: LogTable,
     t_ns: np.ndarray,
     step_s: np.ndarray,
-    spec: "FileSpec",
-    m: "ColumnMap",
+    spec: FileSpec,
+    m: ColumnMap,
     findings: list[ImportFinding],
 ) -> None:
     median_step_s = float(np.median(step_s))
@@ -292,7 +288,7 @@ def _check_steps(
         findings.append(ImportFinding("gap", "warning", reason, t_ns=int(t_ns[gaps[20]])))
 
 
-def _tick_rate(table: LogTable, median_step_s: float, spec: "FileSpec") -> ImportFinding:
+def _tick_rate(table: LogTable, median_step_s: float, spec: FileSpec) -> ImportFinding:
     """Return the finding about an unusual tick rate: an error if the ticks are too fast, a warning if they are slow."""
     reason = note(
         "recording.tick-lasts",
@@ -312,7 +308,7 @@ def _tick_rate(table: LogTable, median_step_s: float, spec: "FileSpec") -> Impor
     )
 
 
-def _possible_units(usual_count: float, row_count: int, spec: "FileSpec") -> list[str]:
+def _possible_units(usual_count: float, row_count: int, spec: FileSpec) -> list[str]:
     """Return the other time units with a plausible step and length, the most likely unit first."""
     file_unit = unit(spec.time_unit)
     median_step_s = usual_count / (file_unit.si_factor if file_unit else 1.0)

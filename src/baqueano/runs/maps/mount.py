@@ -11,7 +11,7 @@ is estimated from this run.
 
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,9 +20,7 @@ from baqueano.contracts.values import JsonObject
 from baqueano.errors import FileError, Invalid, UsageError
 from baqueano.geometry import map_from_body, wrap
 from baqueano.messages.printable import baqueano_command
-
-if TYPE_CHECKING:
-    from baqueano.runs.run import Run
+from baqueano.runs.run import Run
 
 KEY_TYPES: dict[str, type] = {"shift_s": float, "lever_arm_m": list, "heading_rad": float}
 
@@ -72,7 +70,7 @@ def parse_mount(spec: JsonObject, is_heading_known: bool = True) -> Mount:
     return mount
 
 
-def write_mount(path: Path | str, run: "Run", own_mount: dict[str, float], halves: dict[str, float]) -> Mount:
+def write_mount(path: Path | str, run: Run, own_mount: dict[str, float], halves: dict[str, float]) -> Mount:
     """Write the calibration `own_mount` of the truth into the map at `path`, with which `run` was imported.
     The names are KEY_TYPES, and lever_arm_m[0] and lever_arm_m[1] for the lever arm. `halves` are the half widths of
     the 95 % intervals. The rest of the file is unchanged. Raise UsageError if the run was imported with another map, if

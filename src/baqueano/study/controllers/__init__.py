@@ -14,23 +14,20 @@ of each robot from rest, with the same noise. There are three evaluations:
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
+from baqueano.contracts.blocks import OwnBlock
 from baqueano.study.controllers import drawing as drawing  # it adds `.plot()` and the card
 from baqueano.study.controllers.drives import compared_controllers, drive_robot
 from baqueano.study.controllers.result import EVALUATIONS, Controllers
 from baqueano.sweep.result import SweepResult
 from baqueano.sweep.workers import run_in_processes
 
-if TYPE_CHECKING:
-    from baqueano.contracts.blocks import OwnBlock
-
 KINDS = ("pd", "pd_feedforward", "kanayama", "lqr", "pure_pursuit", "stanley", "mpc")  # the paper's first
 START_COUNT = 3
 
 
 def controllers(
-    seeds: int = 100, first: int = 0, processes: int = 1, backend: str = "auto", user_blocks: "Sequence[OwnBlock]" = (),
+    seeds: int = 100, first: int = 0, processes: int = 1, backend: str = "auto", user_blocks: Sequence[OwnBlock] = (),
     kinds: Sequence[str] = KINDS, starts: int = START_COUNT, advance: Callable[[int], None] = lambda k: None,
 ) -> Controllers:  # fmt: skip
     """Return the drives of robots `first` … `first + seeds − 1`. `user_blocks` are further controllers

@@ -3,17 +3,21 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from baqueano.blocks import resolve
+from baqueano.contracts.blocks import Controller, OwnBlock
 from baqueano.contracts.optional import attribute
 from baqueano.diagnostics import Verdict
 from baqueano.drive import drive_stop_reason, repeat
 from baqueano.estimators import TrueState
 from baqueano.geometry import pose_error
+from baqueano.guides.route import Route
 from baqueano.guides.shapes import rectangle, sinuous_circle
+from baqueano.identify import Fit
+from baqueano.runs import Run
 from baqueano.study.counterpart import LoopWorld
 from baqueano.study.driving import identify_by_advice, initial_file, simulate_experiments
 from baqueano.study.truth import draw_robots
@@ -23,12 +27,6 @@ from baqueano.tune import tune
 from baqueano.tune.objective import ASIDE_M
 from baqueano.tune.search_space import with_gains
 from baqueano.vehicle_file import VehicleFile
-
-if TYPE_CHECKING:
-    from baqueano.contracts.blocks import Controller, OwnBlock
-    from baqueano.guides.route import Route
-    from baqueano.identify import Fit
-    from baqueano.runs import Run
 
 SPEED_M_S = 0.2
 TUNING_SEED = 10_000  # of the robot on whose model all gains are tuned
@@ -43,12 +41,12 @@ class ComparedController(NamedTuple):
     """A controller with its tuned gains."""
 
     label: str
-    kind: "OwnBlock"
+    kind: OwnBlock
     gains: dict[str, float]  # the tuned ones; empty: the defaults
     bound_gains: tuple[str, ...]  # gains that ended at a bound of the search
     over_draws: bool = False  # tuned over draws of the errors of a fit
 
-    def controller(self, vehicle_file: VehicleFile) -> "Controller":
+    def controller(self, vehicle_file: VehicleFile) -> Controller:
         """Return the controller with its gains, for the model of this vehicle."""
         entries = {name: gain for name, gain in self.gains.items() if "[" in name}
         fields = {name: gain for name, gain in self.gains.items() if name not in entries}
@@ -63,7 +61,7 @@ class DrivenRobot(NamedTuple):
 
 
 def compared_controllers(
-    kinds: "Sequence[OwnBlock]", start_count: int, backend: str
+    kinds: Sequence[OwnBlock], start_count: int, backend: str
 ) -> tuple[ComparedController, ...]:
     """Return each controller with its gains, and after the paper's PD the same PD tuned over draws of the fit.
 
@@ -84,7 +82,7 @@ def compared_controllers(
 
 
 def _compared_controller(
-    kind: "OwnBlock", vehicle_file: VehicleFile, start_count: int, backend: str, draws: int = 0
+    kind: OwnBlock, vehicle_file: VehicleFile, start_count: int, backend: str, draws: int = 0
 ) -> ComparedController:
     label = kind if isinstance(kind, str) else getattr(kind, "__name__", type(kind).__name__)
     if not isinstance(kind, str):
@@ -108,7 +106,7 @@ def _compared_controller(
     return ComparedController(label, kind, tune_result.values, bound_gains, draws > 0)
 
 
-def _identified(seed: int) -> "Fit":
+def _identified(seed: int) -> Fit:
     run = simulate_experiments(draw_robots(1, seed), range(seed, seed + 1))[0]
     return identify_by_advice(run, initial_file())
 
@@ -135,7 +133,7 @@ def drive_robot(seed: int, controllers: tuple[ComparedController, ...], backend:
     return drives
 
 
-def start_at_origin(route: "Route") -> "Route":
+def start_at_origin(route: Route) -> Route:
     """Return the route relative to its first pose, because a robot of the truth begins at the origin."""
     eta = np.array([pose_error(eta, route.eta[0]) for eta in route.eta])
     eta[:, 2] = route.eta[:, 2] - route.eta[0, 2]  # the heading is unwrapped
@@ -143,13 +141,13 @@ def start_at_origin(route: "Route") -> "Route":
 
 
 def _drive(
-    vehicle_file: VehicleFile, route: "Route", block: "Controller", world: LoopWorld, is_pose_known: bool, backend: str
-) -> "Run":  # fmt: skip
+    vehicle_file: VehicleFile, route: Route, block: Controller, world: LoopWorld, is_pose_known: bool, backend: str
+) -> Run:  # fmt: skip
     estimator = TrueState(lambda: world.motion) if is_pose_known else None
     return repeat(vehicle_file, route, controller=block, estimator=estimator, world=world, backend=backend)
 
 
-def _drive_figures(run: "Run", combination: SweepCombination, label: str) -> SweepDrive:
+def _drive_figures(run: Run, combination: SweepCombination, label: str) -> SweepDrive:
     figures, pieces = drive_figures(run)
     reason = drive_stop_reason(run)
     return SweepDrive(combination, label, figures, pieces, "" if reason is None else reason.code)

@@ -10,7 +10,7 @@ whole recording. At the end of each window only its pose is reset: it keeps its 
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,20 +19,18 @@ from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import Verdict
 from baqueano.geometry import wrap
 from baqueano.messages.language import translate as _
+from baqueano.runs import Run
 from baqueano.runs.filter_ticks import example_filter_tick, make_ticks
 from baqueano.runs.initial_pose import initial_pose
 from baqueano.runs.interpolation import interpolate_poses
+from baqueano.signals import Tick
 from baqueano.study.corridor.result import Instant
 from baqueano.study.estimation.errors import WINDOWS_S
 from baqueano.study.estimation.evaluation import fit_subject
 from baqueano.study.estimation.subjects import BOTH, IMU, SUBJECTS, Subject, missing_files
 from baqueano.study.recordings import exclusion_sentence
 from baqueano.symbolic import scan
-
-if TYPE_CHECKING:
-    from baqueano.runs import Run
-    from baqueano.signals import Tick
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 GYRO_SCALE_PATH = "sensors.imu.gyro_scale"
 SENSOR_SETS = {"calibrated": IMU, "raw": IMU, "odometer": BOTH}
@@ -66,7 +64,7 @@ def recording_instants(
 
 
 def window_instants(
-    vehicle_file: "VehicleFile", run: "Run", window_s: float, backend: str = "auto"
+    vehicle_file: VehicleFile, run: Run, window_s: float, backend: str = "auto"
 ) -> list[Instant]:
     """Return error and covariance of the filter of `vehicle_file` at the end of each window with known poses at both
     ends."""
@@ -76,7 +74,7 @@ def window_instants(
     start = initial_pose(run)
     carry = ekf.init(*(start[k : k + 3] for k in range(0, len(start), 3)))
 
-    def step(belief: Tree, tick: "Tick") -> tuple[Any, Any]:
+    def step(belief: Tree, tick: Tick) -> tuple[Any, Any]:
         belief, estimate = ekf.row(belief, tick)
         return belief, (estimate.eta, estimate.cov[:3, :3])
 
@@ -114,7 +112,7 @@ def _rows(ticks: Any, a: int, b: int) -> Any:
     return ticks[a:b]
 
 
-def calibrated_file(subject: Subject, name: str) -> "VehicleFile":
+def calibrated_file(subject: Subject, name: str) -> VehicleFile:
     """Return the initial file of the fit, with the sensor scales of the set `name` ("raw": the scale 1).
 
     It states BIAS_STD: the runs of cpm contain no rest, and by the camera the bias of the file is correct to 0.001.

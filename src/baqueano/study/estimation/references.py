@@ -10,22 +10,16 @@ The file calibrates both:
 Integrals are trapezoids with the heading in the middle; a missing reading is interpolated between its neighbours.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from baqueano.identify.data.record import make_record
+from baqueano.runs.run import Run
 from baqueano.signals import seconds
 from baqueano.study.recorded.simulated import simulate_outputs
-
-if TYPE_CHECKING:
-    from baqueano.runs.run import Run
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 
-def open_loop(
-    vehicle_file: "VehicleFile", run: "Run", start: np.ndarray, backend: str = "auto"
-) -> np.ndarray:
+def open_loop(vehicle_file: VehicleFile, run: Run, start: np.ndarray, backend: str = "auto") -> np.ndarray:
     """Return ν (N, 3) at the ticks by the model of `vehicle_file`; `start` is a pose (3,), or pose and velocity (6,).
     (1)"""
     vehicle, record = vehicle_file.vehicle, make_record(run, {})
@@ -36,7 +30,7 @@ def open_loop(
     return nu[np.searchsorted(record.t_s, run.t_s - 1e-9)]
 
 
-def dead_reckoning(vehicle_file: "VehicleFile", run: "Run", nu: np.ndarray, start: np.ndarray) -> np.ndarray:
+def dead_reckoning(vehicle_file: VehicleFile, run: Run, nu: np.ndarray, start: np.ndarray) -> np.ndarray:
     """Return η (N, 3) at the ticks by integration; `nu` (N, 3) is the velocity by the model.  (2), (3)"""
     sensors = vehicle_file.sensors._asdict()
     imu, odometer = sensors["imu"], sensors.get("odometer")
@@ -59,7 +53,7 @@ def dead_reckoning(vehicle_file: "VehicleFile", run: "Run", nu: np.ndarray, star
     return np.column_stack([xy, psi])
 
 
-def _readings(run: "Run", sensor: str, entry: int) -> np.ndarray:
+def _readings(run: Run, sensor: str, entry: int) -> np.ndarray:
     """Return entry `entry` (N,) of a sensor at the ticks, interpolated between its readings."""
     channel = run.sensors[sensor]
     is_finite = np.isfinite(channel.z[:, entry])

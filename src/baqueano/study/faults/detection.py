@@ -15,7 +15,7 @@ and the errors in the remaining ones. The second part is measured by
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,10 +36,7 @@ from baqueano.study.faults.subject import VEHICLES, FaultSubject, subject
 from baqueano.study.faults.undamaged import undamaged_run
 from baqueano.study.wrong_estimates import wrong_mask
 from baqueano.sweep.workers import run_in_processes
-
-if TYPE_CHECKING:
-    from baqueano.identify.result.fit_result import Fit
-    from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import VehicleFile
 
 RATIO_KEYS = ("error_ratio_clean", "error_ratio_reduced")
 DRIVE_S = 30.0
@@ -80,7 +77,7 @@ class FaultOutcome(NamedTuple):
 class FaultInputs(NamedTuple):
     """The inputs of one fit, and the true parameters."""
 
-    vehicle_file: "VehicleFile"
+    vehicle_file: VehicleFile
     run: Run
     free: tuple[str, ...]
     truth: dict[str, float]
@@ -96,7 +93,7 @@ def run_fault_jobs(jobs: tuple[FaultJob, ...]) -> list[FaultOutcome]:
     return [_outcome(job, inputs, fit) for job, inputs in job_inputs]
 
 
-def _outcome(job: FaultJob, inputs: FaultInputs, reference: "Fit | None") -> FaultOutcome:
+def _outcome(job: FaultJob, inputs: FaultInputs, reference: Fit | None) -> FaultOutcome:
     try:
         fit = identify(inputs.run, inputs.vehicle_file, inputs.free, options=FitOptions(backend=job.backend))
     except BaqueanoError as error:
@@ -136,16 +133,16 @@ def _outcome(job: FaultJob, inputs: FaultInputs, reference: "Fit | None") -> Fau
     )
 
 
-def _fit(inputs: FaultInputs, run: Run, backend: str) -> "Fit":
+def _fit(inputs: FaultInputs, run: Run, backend: str) -> Fit:
     options = FitOptions(diagnose=False, backend=backend)
     return identify(run, inputs.vehicle_file, inputs.free, options=options)
 
 
-def _true_values(fit: "Fit", truth: dict[str, float]) -> np.ndarray:
+def _true_values(fit: Fit, truth: dict[str, float]) -> np.ndarray:
     return np.array([truth.get(name, np.nan) for name in fit.names])
 
 
-def _error_rms(fit: "Fit", reference: "Fit", truth: dict[str, float]) -> float:
+def _error_rms(fit: Fit, reference: Fit, truth: dict[str, float]) -> float:
     z = (fit.estimate - _true_values(fit, truth)) / reference.std
     z = z[np.isfinite(z)]
     return float(np.sqrt(np.mean(np.minimum(z**2, 1e6)))) if len(z) else np.nan
@@ -207,7 +204,7 @@ def _planned_inputs(
     return plan_inputs
 
 
-def _with_other_friction(vehicle_file: "VehicleFile", rng: np.random.Generator) -> "VehicleFile":
+def _with_other_friction(vehicle_file: VehicleFile, rng: np.random.Generator) -> VehicleFile:
     """Return the file with its linear friction or drag multiplied by a random factor of 1/2 to 2."""
     if len(vehicle_file.command.limit) == 3:
         linear = vehicle_file.vehicle.friction.linear * 2.0 ** rng.uniform(-1.0, 1.0, 3)

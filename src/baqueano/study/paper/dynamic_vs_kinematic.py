@@ -7,7 +7,6 @@ values provided to simulate the system").
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,11 +19,9 @@ from baqueano.messages.language import mark as N_
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
+from baqueano.runs import Run
 from baqueano.runs.interpolation import interpolate_rows
 from baqueano.vehicle_file import VehicleFile, parse
-
-if TYPE_CHECKING:
-    from baqueano.runs import Run
 
 KINEMATIC = """[model]
 kind = "kinematic"
@@ -50,7 +47,7 @@ def kinematic_file(vehicle: VehicleFile) -> VehicleFile:
 
 
 def compare_models(
-    dynamic: Fit, run: "Run", validation_run: "Run", backend: str = "auto"
+    dynamic: Fit, run: Run, validation_run: Run, backend: str = "auto"
 ) -> tuple[ModelEvaluation, ModelEvaluation]:
     """Return the evaluations of the model of `dynamic` and of the kinematic model, both fitted to `run`."""
     kinematic = identify(
@@ -62,7 +59,7 @@ def compare_models(
     )  # type: ignore[return-value]
 
 
-def _evaluate_model(model: str, fit: Fit, run: "Run", validation_run: "Run", backend: str) -> ModelEvaluation:
+def _evaluate_model(model: str, fit: Fit, run: Run, validation_run: Run, backend: str) -> ModelEvaluation:
     noise = measure_noise(fit, run, source="truth", backend=backend)
     replay_run = replay(validation_run, noise.updated_file(fit.vehicle_file), backend=backend)
     log = replay_run.estimate

@@ -7,20 +7,18 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.identify.data.record import make_record
-from baqueano.signals import seconds
+from baqueano.runs.run import Run
+from baqueano.signals import Motion, seconds
 from baqueano.symbolic import scan
+from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicles.state import Vehicle
 
 if TYPE_CHECKING:
-    from baqueano.runs.run import Run
-    from baqueano.signals import Motion
-    from baqueano.vehicle_file import VehicleFile
-    from baqueano.vehicles.state import Vehicle
-
     Output = Callable[[Motion], np.ndarray]
 
 
 def simulate_outputs(
-    vehicle: "Vehicle", start: Tree, dt_s: np.ndarray, u: np.ndarray, output: "Output", backend: str
+    vehicle: Vehicle, start: Tree, dt_s: np.ndarray, u: np.ndarray, output: "Output", backend: str
 ) -> np.ndarray:
     """Return `output` (N, m) of the motion from the state `start`, under commands u (N, n) that last dt_s (N,)."""
 
@@ -33,7 +31,7 @@ def simulate_outputs(
 
 
 def measured_and_simulated(
-    vehicle_file: "VehicleFile", run: "Run", sensor: str, backend: str = "auto"
+    vehicle_file: VehicleFile, run: Run, sensor: str, backend: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the measurements (K, m) of a sensor, and the readings of the model at the same times, from rest."""
     block, vehicle = getattr(vehicle_file.sensors, sensor), vehicle_file.vehicle
@@ -44,9 +42,7 @@ def measured_and_simulated(
     return sensor_log.z[is_present], simulated_values[is_present]
 
 
-def final_poses(
-    vehicle_file: "VehicleFile", run: "Run", backend: str = "auto"
-) -> tuple[np.ndarray, np.ndarray]:
+def final_poses(vehicle_file: VehicleFile, run: Run, backend: str = "auto") -> tuple[np.ndarray, np.ndarray]:
     """Return the last true pose (3,), and the pose (3,) that the model reaches from the first true pose."""
     truth, vehicle = run.truth, vehicle_file.vehicle
     assert truth is not None

@@ -8,7 +8,7 @@ values afterwards. The fit determines the values, their standard errors and the 
 
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,13 +25,11 @@ from baqueano.errors import BaqueanoError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.fit import identify
 from baqueano.identify.parameters.free import FreeParameter, free_parameter
+from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.logs import Channel
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS
-
-if TYPE_CHECKING:
-    from baqueano.identify.result.fit_result import Fit
-    from baqueano.vehicle_file.file import VehicleFile
+from baqueano.vehicle_file.file import VehicleFile
 
 FIRST_FIT_S = 8.0  # drive time before the first fit
 PERIOD_S, SLOW_PERIOD_S = 1.0, 15.0  # between fits, with a compiler and without one
@@ -49,7 +47,7 @@ MAX_GAP_S = 5.0
 class DriveFit(NamedTuple):
     """A fit of the first `t_s` seconds of a drive, and its computing time `computing_s`."""
 
-    fit: "Fit"
+    fit: Fit
     t_s: float
     computing_s: float
 
@@ -57,7 +55,7 @@ class DriveFit(NamedTuple):
 class DriveIdentification:
     """The identification of one drive of a vehicle at a time. The same thread must call `add_rows` and `state`."""
 
-    def __init__(self, vehicle_file: "VehicleFile", backend: str = "auto") -> None:
+    def __init__(self, vehicle_file: VehicleFile, backend: str = "auto") -> None:
         self.vehicle_file = vehicle_file
         self._drive_information = DriveInformation(vehicle_file, backend)
         self._live = RecursiveInformation(self._drive_information)

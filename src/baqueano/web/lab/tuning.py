@@ -7,24 +7,20 @@ not in a list of this process is refused.
 import time
 from collections import OrderedDict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from baqueano.contracts.names import SHAPE_NAMES
 from baqueano.contracts.values import JsonObject
 from baqueano.errors import FileError, UsageError
+from baqueano.guides.route import Route
 from baqueano.guides.shapes import shape
 from baqueano.runs.route_file import read_route
-from baqueano.tune.laps import SimulatedLaps, simulated_laps
+from baqueano.tune.laps import SimulatedLap, SimulatedLaps, simulated_laps
 from baqueano.tune.objective import JERK_M2
 from baqueano.tune.search import DIVERGED_COST, coordinates, descend, gains
 from baqueano.tune.search_space import file_values
-
-if TYPE_CHECKING:
-    from baqueano.guides.route import Route
-    from baqueano.tune.laps import SimulatedLap
-    from baqueano.vehicle_file.file import VehicleFile
+from baqueano.vehicle_file.file import VehicleFile
 
 SIZE_M, SPEED_M_S = 1.0, 0.25  # defaults of a shape, as in a service
 MAX_POINTS, MAX_ROUTE_POINTS = 500, 1500  # maximum number of points of a drawn path and route
@@ -127,7 +123,7 @@ class TuningWorker:
         self._laps_cache.clear()
         return {"file": vehicle_file.path.name}
 
-    def _laps(self, request: JsonObject) -> "tuple[VehicleFile, Route, SimulatedLaps]":
+    def _laps(self, request: JsonObject) -> tuple[VehicleFile, Route, SimulatedLaps]:
         key = (_cache_key(request), request.get("route", ""), request.get("kind") or "")
         if key not in self._laps_cache:
             vehicle_file = requested_vehicle_file(request)
@@ -143,7 +139,7 @@ class TuningWorker:
         return self._laps_cache[key]
 
 
-def requested_vehicle_file(request: JsonObject) -> "VehicleFile":
+def requested_vehicle_file(request: JsonObject) -> VehicleFile:
     """Return the vehicle file of a question: the file named `vehicle`, or the file in the run at `path`."""
     from baqueano.drive.replay import recorded_vehicle_file
     from baqueano.runs import read_run
@@ -169,7 +165,7 @@ def _route_files(request: JsonObject) -> dict[str, Path]:
     return {} if not folder else {path.stem: path for path in Path(folder).glob("*.csv")}
 
 
-def _route(request: JsonObject) -> "Route":
+def _route(request: JsonObject) -> Route:
     name = request["route"]
     if name in SHAPE_NAMES:
         return shape(name, SIZE_M, SPEED_M_S)
@@ -181,7 +177,7 @@ def _route(request: JsonObject) -> "Route":
     return read_route(route_files[name])
 
 
-def stored_run_route(request: JsonObject) -> "Route | None":
+def stored_run_route(request: JsonObject) -> Route | None:
     """Return the references of a run as a route; None if they are missing or do not move."""
     from baqueano.guides.route import Route
     from baqueano.runs import read_run
@@ -197,12 +193,12 @@ def stored_run_route(request: JsonObject) -> "Route | None":
     return Route(seconds(t_ns, t_ns[0]), ref.eta[is_finite], ref.nu[is_finite], closed=False)
 
 
-def _path_document(route: "Route") -> JsonObject:
+def _path_document(route: Route) -> JsonObject:
     x, y = np.round(route.eta[:: 1 + len(route.eta) // MAX_ROUTE_POINTS, :2].T, 4).tolist()
     return {"x": x, "y": y, "closed": bool(route.closed)}
 
 
-def lap_json(lap: "SimulatedLap") -> JsonObject:
+def lap_json(lap: SimulatedLap) -> JsonObject:
     """Return a lap as data for the page: its path, its costs, and its other results."""
     stride = 1 + len(lap.x) // MAX_POINTS
     values = [lap.path_cost, lap.jerk_cost, lap.distance_rms_m, lap.distance_max_m, lap.saturated_fraction]

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from baqueano.contracts import optional
+from baqueano.contracts.blocks import Estimator
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.monitor.sensor_monitor import innovation_channels
 from baqueano.sensors.sampling import measures_pose
@@ -26,7 +27,6 @@ from baqueano.signals import seconds
 from baqueano.worlds.faults.fault import CHANNEL_KINDS, SENSOR_KINDS, SOURCE, Fault
 
 if TYPE_CHECKING:
-    from baqueano.contracts.blocks import Estimator
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
@@ -91,7 +91,7 @@ class Ledger:
     [('cut', ['supervisor', 'monitor'])]
     """
 
-    def __init__(self, vehicle_file: "VehicleFile", estimator: "Estimator | None" = None) -> None:
+    def __init__(self, vehicle_file: "VehicleFile", estimator: Estimator | None = None) -> None:
         sensors, self._estimator = vehicle_file.sensors, estimator or vehicle_file.estimator()
         self._sensors = sensors
         self._sources = {
