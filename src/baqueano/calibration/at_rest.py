@@ -33,7 +33,8 @@ from baqueano.messages.text_table import text_table
 from baqueano.numerics.statistics import MAD, QUANTILE_95, chi_square
 from baqueano.runs.run import Channel, Run
 from baqueano.signals import seconds
-from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import Provenance, VehicleFile
+from baqueano.vehicle_file.file import today
 
 MIN_SAMPLES = 200  # samples of a sensor at rest
 MIN_ALLAN_SAMPLES = 16  # samples of (1)
@@ -223,9 +224,6 @@ class RestMeasurement(Result):
     def updated_file(self, vehicle_file: VehicleFile) -> VehicleFile:
         """Return the file with noise, bias and walk of its IMUs as measured at rest. Raise UsageError if no IMU of
         the file was measured."""
-        from baqueano.vehicle_file import Provenance
-        from baqueano.vehicle_file.file import today
-
         values: JsonObject = {}
         for name, block in vehicle_file.sensors._asdict().items():
             channels = {c.entry: c for c in self.channels if c.sensor == name}

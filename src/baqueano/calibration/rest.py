@@ -21,7 +21,8 @@ from baqueano.contracts.values import Tree
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.runs.run import Run
 from baqueano.signals import NANOSECONDS, ByName, Motion
-from baqueano.vehicle_file import VehicleFile
+from baqueano.vehicle_file import Provenance, VehicleFile
+from baqueano.vehicle_file.file import today
 
 REST_S = 1.0  # without any command, before the vehicle is treated as at rest
 TOLERANCE = 1e-9  # tolerance for readings without noise
@@ -130,9 +131,6 @@ def _is_still(t_ns: np.ndarray, residuals: np.ndarray, sensor: Tree) -> bool:
 def _set_gyro_bias(
     vehicle_file: VehicleFile, name: str, bias: float, std: float, run_names: list[str]
 ) -> VehicleFile:
-    from baqueano.vehicle_file import Provenance
-    from baqueano.vehicle_file.file import today
-
     path = f"sensors.{name}.gyro_bias"
     return vehicle_file.with_values(
         {path: bias}, {path: Provenance(", ".join(run_names), today(), std, Verdict.USABLE)}

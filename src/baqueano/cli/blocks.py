@@ -10,6 +10,7 @@ from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_message
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Diagnostic, Verdict, note
+from baqueano.errors import AnswerNo
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
 from baqueano.messages.text_table import text_table
@@ -80,7 +81,6 @@ def recommend_estimator(vehicle_file: "VehicleFile") -> Diagnostic:
 def check(
     block: str, role: str | None, vehicle: str | None, settings: tuple[str, ...], as_json: bool
 ) -> None:
-    from baqueano.errors import AnswerNo
     from baqueano.vehicle_file.block_check import check
 
     report = check(block, options.load_vehicle(vehicle or "small", settings), role)

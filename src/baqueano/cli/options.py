@@ -13,8 +13,8 @@ from baqueano.cli import numbers
 from baqueano.cli.subcommands import BACKENDS
 from baqueano.cli.terminal import print_message
 from baqueano.contracts.names import STORED_ROUTES
-from baqueano.diagnostics import note
-from baqueano.errors import UsageError
+from baqueano.diagnostics import StopReason, note
+from baqueano.errors import FileError, Interruption, SafetyStop, UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 
@@ -269,7 +269,6 @@ def run_path(out: Path | None, folder: str, label: str) -> Path:
     Without `out`, a numbered name in `folder` is reserved: call this function last, after all checks. Raise FileError
     if `out` exists.
     """
-    from baqueano.errors import FileError
     from baqueano.runs.folder import path_of_run, release_path, reserve_path
 
     if out is not None:
@@ -286,7 +285,6 @@ def find_route(name: str) -> "Route":
 
     Raise FileError if it is missing.
     """
-    from baqueano.errors import FileError
     from baqueano.runs.route_file import absent_route, read_route
 
     path = route_path(name)
@@ -319,7 +317,6 @@ def block_kind(vehicle_file: "VehicleFile | None", role: str, kind: str | None) 
     `vehicle_file` is None without a vehicle file.
     """
     from baqueano.blocks import check_step, resolve
-    from baqueano.errors import FileError
 
     if kind is not None:
         try:
@@ -345,9 +342,7 @@ def raise_stop(run: "Run", path: Path, are_warnings_printed: bool = False) -> No
     """Raise SafetyStop, or Interruption after Ctrl-C, for a stopped drive, whose run is stored at `path`.
     Return if the drive was not stopped. Print the warnings of the run, if its table has not printed them.
     """
-    from baqueano.diagnostics import StopReason
     from baqueano.drive import drive_stop_reason
-    from baqueano.errors import Interruption, SafetyStop
 
     if not are_warnings_printed:
         print_warnings(run)

@@ -12,6 +12,7 @@ from click.core import ParameterSource
 from baqueano.cli import options
 from baqueano.cli.terminal import print_message, show_activity
 from baqueano.diagnostics import note
+from baqueano.errors import UsageError
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
@@ -143,8 +144,6 @@ def _check_table(report: ReportFiles) -> None:
 
 def _check_folder(report: ReportFiles, width: str | None) -> None:
     """Raise UsageError if a format or a width is given without a folder for the figures."""
-    from baqueano.errors import UsageError
-
     if report.figures is not None:
         return
     source = click.get_current_context().get_parameter_source("file_format")

@@ -5,6 +5,7 @@ from copy import copy
 
 import click
 
+from baqueano.diagnostics import nearest
 from baqueano.messages import language
 from baqueano.messages.language import mark as N_
 from baqueano.messages.language import translate as _
@@ -53,7 +54,6 @@ BACKENDS = ("auto", "c", "python", "numpy")
 
 def unknown_subcommand_error(verb: str, verbs: list[str], ctx: click.Context) -> Exception:
     """Return the error for an unknown subcommand, with the nearest name."""
-    from baqueano.diagnostics import nearest
     from baqueano.errors import UsageError
 
     suggestion = nearest(verb, verbs, MIN_SIMILARITY)

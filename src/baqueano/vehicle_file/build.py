@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from baqueano.block_checks.motion import sensor_obstacle
 from baqueano.blocks import PROGRAM, check_step, kinds, place_of, resolve, resolve_named
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import OwnBlock
@@ -175,8 +176,6 @@ def _check_own_sensor(report: ReadReport, path: KeyPath, block: Tree, table: Jso
     """Add a problem if a sensor of the user's own fails where each drive would fail."""
     if block is None or type(block).__module__.startswith("baqueano."):
         return
-    from baqueano.block_checks.motion import sensor_obstacle  # only for sensors of the user's own
-
     if (obstacle := sensor_obstacle(block)) is not None:
         is_in_cell = type(block).__module__ == PROGRAM
         fix = (

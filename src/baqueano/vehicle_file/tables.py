@@ -16,6 +16,7 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, nearest, note
 from baqueano.errors import FileError
+from baqueano.estimators.covariance import covariance
 from baqueano.vehicle_file.text.toml_text import key_line
 from baqueano.vehicle_file.units import wrong_unit
 
@@ -271,8 +272,6 @@ def _may_be_infinite(key: Key) -> bool:
 
 
 def _is_covariance(report: ReadReport, path: KeyPath, matrix: np.ndarray) -> bool:
-    from baqueano.estimators.covariance import covariance
-
     try:
         covariance(matrix, matrix.shape[0], path[-1])
     except ValueError as error:

@@ -14,6 +14,7 @@ from baqueano.cli.driving.targets import Target, print_fault_detections
 from baqueano.cli.page import live
 from baqueano.cli.terminal import print_answer, print_message, show_activity, show_time_progress
 from baqueano.diagnostics import Verdict, nearest, note
+from baqueano.errors import UsageError
 from baqueano.messages import texts
 from baqueano.messages.printable import baqueano_command
 
@@ -139,7 +140,6 @@ def run_experiment(
 
 def _check_options(signal: str, rounds: int | None, update: bool) -> None:
     """Raise UsageError if the options conflict."""
-    from baqueano.errors import UsageError
     from baqueano.simulate.excitation import KINDS
 
     kinds = [kind.replace("_", "-") for kind in (*KINDS, "designed")]

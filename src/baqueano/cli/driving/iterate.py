@@ -15,6 +15,7 @@ from baqueano.cli import options
 from baqueano.cli.terminal import print_message, show_activity, show_time_progress
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict, note
+from baqueano.errors import AnswerNo
 from baqueano.messages import texts, verdict_line
 from baqueano.messages.language import number
 from baqueano.messages.language import translate as _
@@ -86,7 +87,6 @@ def drive_in_rounds(
     """
     from baqueano.design.vehicle_cloud import planning_file
     from baqueano.drive.mission import Mission
-    from baqueano.errors import AnswerNo
     from baqueano.identify import FitOptions, identify
 
     results: list[Round] = []

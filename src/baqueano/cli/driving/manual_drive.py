@@ -14,9 +14,12 @@ import click
 from baqueano.cli import options
 from baqueano.cli.driving.drive_options import DriveOptions
 from baqueano.cli.driving.targets import LOCAL_TARGETS, open_target
+from baqueano.cli.page.live import live_page
 from baqueano.cli.terminal import print_message
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import Diagnostic, note
+from baqueano.diagnostics import Diagnostic, StopReason, note
+from baqueano.diagnostics import stop as because
+from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
@@ -51,7 +54,6 @@ def drive_by_hand(
     from baqueano.drive.by_hand.pad import find_pad
     from baqueano.drive.by_hand.tty import is_over_ssh, terminal_proxy
     from baqueano.drive.mission import Mission
-    from baqueano.errors import UsageError
     from baqueano.runs import read_run
 
     kind = drive.kind
@@ -90,7 +92,6 @@ def drive_on_page(
     verb: str, vehicle_file: "VehicleFile", drive: DriveOptions, path: Path, *, hold: bool
 ) -> "Run":
     """Return the run of a manual drive, as `drive_by_hand`, from the page instead of this terminal."""
-    from baqueano.cli.page.live import live_page
     from baqueano.drive.mission import Mission
     from baqueano.runs import read_run
 
@@ -134,9 +135,6 @@ def relative_ticks(clock: Iterable[int]) -> Iterator[int]:
 @contextmanager
 def stop_on_signals(stop: Callable[[Diagnostic], object]) -> Iterator[None]:
     """Stop the vehicle by `stop` if the terminal hangs up or another process ends the program."""
-    from baqueano.diagnostics import StopReason
-    from baqueano.diagnostics import stop as because
-
     previous_handlers = {}
 
     def stop_by_signal(number: int, frame: FrameType | None) -> None:
@@ -155,7 +153,6 @@ def stop_on_signals(stop: Callable[[Diagnostic], object]) -> Iterator[None]:
 
 def finish_manual_drive(run: "Run", path: Path, robot: str) -> None:
     """Raise the error of a stopped drive, except if its driver ended it."""
-    from baqueano.diagnostics import StopReason
     from baqueano.drive import drive_stop_reason
 
     stop_reason = drive_stop_reason(run)
@@ -175,7 +172,6 @@ def mark_scales(
     """
     from baqueano.drive.closure import closure
     from baqueano.drive.session import mark_times_ns
-    from baqueano.errors import AnswerNo
 
     if len(mark_times_ns(run)) < 2:
         return note("cli.marks-too-few"), {}
@@ -192,7 +188,6 @@ def lap_scale(run: "Run", vehicle_file: "VehicleFile") -> tuple[Diagnostic | str
     A file without an identified model cannot compute the end of the lap; then only the marks count.
     """
     from baqueano.drive.closure import lap_closure
-    from baqueano.errors import AnswerNo
 
     if vehicle_file.is_guess:
         return mark_scales(run, vehicle_file)

@@ -10,6 +10,7 @@ from baqueano.cli.page import live
 from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, show_activity, show_time_progress
 from baqueano.diagnostics import Diagnostic, note
+from baqueano.messages import text
 
 
 @click.command(help="Process RUN again with the same blocks, or with others, and compare.")
@@ -89,6 +90,4 @@ def _default_file_text() -> str:
 
 def _stops_are_equal(stop: Diagnostic | None, recorded_stop: Diagnostic | None) -> bool:
     """Return True if both stops are the same. A stop that was recorded without a code is compared by its text."""
-    from baqueano.messages import text
-
     return stop == recorded_stop or text(stop) == text(recorded_stop)

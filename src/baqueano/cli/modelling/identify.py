@@ -12,7 +12,8 @@ from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, print_result, show_activity, show_steps
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Verdict, fault, note
-from baqueano.messages import json_row, text
+from baqueano.errors import AnswerNo, Interruption, UsageError
+from baqueano.messages import group_sentences, json_row, text
 from baqueano.messages.notation import OPTIONS
 
 if TYPE_CHECKING:
@@ -119,7 +120,6 @@ def command(
     parameter_history: bool, held_out: tuple[str, ...], no_noise: bool, folder: str, update: bool,
     report: ReportFiles, as_json: bool, backend: str, **arguments: Any,
 ) -> None:  # fmt: skip
-    from baqueano.errors import Interruption
     from baqueano.identify import identify
     from baqueano.runs.diagnostics.cleaning import unused_sensors
 
@@ -190,8 +190,6 @@ def next_words(drive_forecast: Any, route: str | None) -> list[str]:
 
 def _check_options(parameter_history: bool, choose: bool, *, with_validation: bool) -> None:
     """Raise UsageError if an option conflicts with `parameter_history`."""
-    from baqueano.errors import UsageError
-
     if parameter_history and (choose or with_validation):
         conflict = "--choose" if choose else "--held-out"
         raise UsageError.of("cli.options-conflict", second_option=conflict)
@@ -199,7 +197,6 @@ def _check_options(parameter_history: bool, choose: bool, *, with_validation: bo
 
 def _check_verdicts(fit: "Fit", validation: Any, update: bool, page: Path | None) -> None:
     """Raise AnswerNo for a refused fit or validation. For `update`, also raise it if the gains contradict the file."""
-    from baqueano.errors import AnswerNo
     from baqueano.identify.diagnostics.file_consistency import GAIN_CODES
 
     for code, outcome in (("cli.fit-refused", fit), ("cli.fit-refused-held-out", validation)):
@@ -211,8 +208,6 @@ def _check_verdicts(fit: "Fit", validation: Any, update: bool, page: Path | None
 
 def _refusal(code: str, reasons: Sequence[Diagnostic], page: Path | None) -> Diagnostic:
     """Return the reason why a fit is refused, with a hint to the report on `page` or to the option for a report."""
-    from baqueano.messages import group_sentences
-
     data = note("cli.data-advice", fix="--report fit.html") if page is None else note("cli.data-in-report")
     return fault(code, reasons="; ".join(group_sentences(reasons)[:2]), data=data)
 
@@ -226,7 +221,6 @@ def _forecast_route(route: str | None) -> "Route | None":
 
 def _forecast_drive(fit: "Fit", runs: "list[Run]", lap: "Route | None", name: str | None) -> Any:
     """Return the forecast of a drive from the errors of the fit; None if it cannot be computed."""
-    from baqueano.errors import UsageError
     from baqueano.validation import forecast
 
     try:
@@ -281,7 +275,6 @@ def _with_tolerances(
 ) -> Any:
     """Return the file with the tolerances of its scales. Raise UsageError if the fit would ignore these."""
     from baqueano.calibration.tolerances import with_tolerance
-    from baqueano.errors import UsageError
     from baqueano.identify.imu_only import is_imu_only
 
     if not tolerances:
@@ -312,7 +305,6 @@ def _select_terms(
     notify: Callable[[str], object],
 ) -> Any:
     """Return the model with the terms that held-out data, or the `validation_runs` if there are any, support."""
-    from baqueano.errors import UsageError
     from baqueano.identify.imu_only import is_imu_only
     from baqueano.selection.choose import choose
 
@@ -347,7 +339,6 @@ def _validate_fit(
 
 def _measured_noise(fit: "Fit", runs: "list[Run]", validation_runs: "list[Run]", backend: str) -> Any:
     """Return Q and R. If the truth is known, held-out runs select R: from the truth, or from the innovations."""
-    from baqueano.errors import UsageError
     from baqueano.identify.noise.covariances import measure_noise
     from baqueano.validation.noise_comparison import compare_noise
 

@@ -11,7 +11,7 @@ from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_result, show_activity, show_progress, show_steps
 from baqueano.diagnostics import Verdict, nearest, note
-from baqueano.errors import UsageError
+from baqueano.errors import AnswerNo, Interruption, UsageError
 
 
 @click.group(cls=SubcommandGroup, help="Reproduce the paper's case studies; test with recordings.")
@@ -27,8 +27,6 @@ def _check_cases(cases: Iterable[str], case_names: Collection[str]) -> None:
 
 def _check_complete(completed_count: int, requested_count: int) -> None:
     """Raise Interruption if Ctrl-C ended the study early."""
-    from baqueano.errors import Interruption
-
     if completed_count < requested_count:
         raise Interruption.of("cli.study-interrupted", count=completed_count, total=requested_count)
 
@@ -117,7 +115,6 @@ def identification(
 @options.backend
 @options.as_json
 def faults(seed: int, seed_count: int, backend: str, as_json: bool) -> None:
-    from baqueano.errors import AnswerNo
     from baqueano.study.faults import FAULTS, faults
     from baqueano.sweep.workers import processor_count
 

@@ -14,7 +14,7 @@ from baqueano.cli.report_files import ReportFiles, report_options
 from baqueano.cli.terminal import print_answer, print_message, show_progress
 from baqueano.contracts.names import GAINS_CHOICES
 from baqueano.diagnostics import note
-from baqueano.errors import BaqueanoError, UsageError
+from baqueano.errors import BaqueanoError, Interruption, UsageError
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
@@ -174,7 +174,6 @@ def command(
     drives_folder: Path | None, cluster: str | None, backend: str, folder: str, report: ReportFiles, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.driving.teach import shape_or_route
-    from baqueano.errors import Interruption
     from baqueano.sweep import sweep
 
     run_sweep = partial(

@@ -9,10 +9,15 @@ import click
 from baqueano.cli import options
 from baqueano.cli.robot import settings, setup, workshop
 from baqueano.cli.subcommands import SUBCOMMANDS, SubcommandGroup
-from baqueano.cli.terminal import print_result
+from baqueano.cli.terminal import print_answer, print_message, print_result
 from baqueano.contracts.values import JsonObject, TableRow
+from baqueano.diagnostics import Diagnostic, StopReason, note
+from baqueano.diagnostics import stop as because
 from baqueano.door import SOCKET
+from baqueano.errors import FileError
+from baqueano.messages import text
 from baqueano.messages.language import number
+from baqueano.messages.printable import baqueano_command, join_rows, one_line
 
 if TYPE_CHECKING:
     from baqueano.door.remote import Remote
@@ -66,7 +71,6 @@ def attach(door: Path) -> None:
 @host
 @options.as_json
 def status(host: str, as_json: bool) -> None:
-    from baqueano.cli.terminal import print_answer
     from baqueano.door.states import DoorState
 
     with _connection(host) as remote:
@@ -78,8 +82,6 @@ def status(host: str, as_json: bool) -> None:
 @command.command(help="Stop the vehicle at HOST at once; the stop lasts until it is cleared.")
 @host
 def stop(host: str) -> None:
-    from baqueano.diagnostics import StopReason
-    from baqueano.diagnostics import stop as because
     from baqueano.door.remote import stop
 
     print_result(f"{host}: {stop(host, because(StopReason.STOPPED_BY_COMMAND))['state']}")
@@ -89,8 +91,6 @@ def stop(host: str) -> None:
 @command.command(help="Clear a stop of the vehicle at HOST, after you have checked the vehicle.")
 @host
 def clear(host: str) -> None:
-    from baqueano.messages import text
-
     with _connection(host) as remote:
         remote.send(type="clear")
         remote.wait(lambda: remote.state["state"] == "READY", 2.0)
@@ -110,8 +110,6 @@ def runs(host: str, fetch: bool, folder: str) -> None:
     from os.path import lexists
 
     from baqueano.door.ssh import ssh_line
-    from baqueano.errors import FileError
-    from baqueano.messages.printable import one_line
     from baqueano.runs.folder import is_run_name
 
     with _connection(host) as remote:
@@ -161,10 +159,6 @@ def _is_copy(remote: "Remote", name: str, path: Path) -> bool:
 
 
 def _advise_to_clear(host: str) -> None:
-    from baqueano.cli.terminal import print_message
-    from baqueano.diagnostics import note
-    from baqueano.messages.printable import baqueano_command
-
     print_message(note("door.clear", fix=baqueano_command("robot", "clear", host)))
 
 
@@ -177,9 +171,6 @@ class RobotStatus:
 
     def rows(self) -> list[TableRow]:
         """Return one row, with the reason of a stop as a sentence, as a code, and as values."""
-        from baqueano.diagnostics import Diagnostic
-        from baqueano.messages import text
-
         reason = self.reply.get("reason")
         data = reason.to_json() if isinstance(reason, Diagnostic) else {"code": None, "figures": {}}
         readable_reply = {k: text(v) if isinstance(v, Diagnostic) else v for k, v in self.reply.items()}
@@ -187,8 +178,6 @@ class RobotStatus:
 
     def table(self) -> str:
         """Return a line of text for each known value."""
-        from baqueano.messages.printable import join_rows
-
         (row,) = self.rows()
         name_width = max(len(name) for name in self.reply)
         shown_values = {

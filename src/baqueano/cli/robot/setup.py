@@ -7,6 +7,7 @@ import click
 from baqueano.cli import options
 from baqueano.cli.terminal import print_message, print_result
 from baqueano.diagnostics import note
+from baqueano.errors import UsageError
 from baqueano.messages.language import translate as _
 from baqueano.messages.printable import baqueano_command
 
@@ -46,7 +47,6 @@ def card(
     folder: Path | None, name: str | None, user: str, key: Path | None, wifi: str | None, own: bool,
     password: str | None, country: str,
 ) -> None:  # fmt: skip
-    from baqueano.errors import UsageError
     from baqueano.robot.setup.card import (
         Network,
         boot_partition,

@@ -8,6 +8,7 @@ import click
 from baqueano.cli import options
 from baqueano.cli.subcommands import SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_message
+from baqueano.errors import UsageError
 
 host = click.argument("host", default="here")
 
@@ -56,7 +57,6 @@ def doctor(
 def flash(
     host: str, vehicle: str | None, settings: tuple[str, ...], hex_file: Path | None, as_json: bool
 ) -> None:
-    from baqueano.errors import UsageError
     from baqueano.robot.uno.flash import FlashResult
     from baqueano.robot.uno.flash import flash as write
     from baqueano.robot.workshop.exclusive_hardware import fetch_result, stopped_service

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from baqueano.block_checks.source_text import is_in_package
+from baqueano.block_checks.source_text import is_in_package, source_text
 from baqueano.blocks import BLOCK_TARGETS, kinds, resolve
 from baqueano.contracts.values import JsonObject, Tree
 from baqueano.errors import FileError, UsageError
+from baqueano.parameter import all_parameters
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file.file import VehicleFile
@@ -163,8 +164,6 @@ def step_time_us(role: str, kind: str, vehicle_file: "VehicleFile") -> float | N
 
 def _class_text(cls: type) -> JsonObject:
     """Return file name, source text (at most MAX_TEXT_LETTERS characters) and line number, from 0, of a class."""
-    from baqueano.block_checks.source_text import source_text
-
     text = source_text(cls)
     module = cls.__module__.removeprefix("baqueano.").replace(".", "/")
     return {"file": f"{module}.py" if is_in_package(cls) else f"{cls.__name__}", "text": text[:MAX_TEXT_LETTERS],
@@ -177,8 +176,6 @@ def _class_line(text: str, name: str) -> int:
 
 
 def _parameter_rows(role: str, block: object) -> list[JsonObject]:
-    from baqueano.parameter import all_parameters
-
     rows = []
     for path, entry in all_parameters(block, role):
         value: Tree = block

@@ -12,15 +12,21 @@ import numpy as np
 
 from baqueano.contracts.names import SHAPE_NAMES
 from baqueano.contracts.values import JsonObject
+from baqueano.diagnostics import Verdict
 from baqueano.errors import FileError, UsageError
 from baqueano.guides.route import Route
 from baqueano.guides.shapes import shape
+from baqueano.parameter import parameters
+from baqueano.runs import read_run
 from baqueano.runs.route_file import read_route
+from baqueano.signals import seconds
 from baqueano.tune.laps import SimulatedLap, SimulatedLaps, simulated_laps
 from baqueano.tune.objective import JERK_M2
 from baqueano.tune.search import DIVERGED_COST, coordinates, descend, gains
 from baqueano.tune.search_space import file_values
+from baqueano.vehicle_file import load
 from baqueano.vehicle_file.file import VehicleFile
+from baqueano.vehicle_file.provenance import Provenance
 
 SIZE_M, SPEED_M_S = 1.0, 0.25  # defaults of a shape, as in a service
 MAX_POINTS, MAX_ROUTE_POINTS = 500, 1500  # maximum number of points of a drawn path and route
@@ -110,9 +116,6 @@ class TuningWorker:
 
         Raise UsageError for a vehicle of the garage, which does not have a file of the user.
         """
-        from baqueano.diagnostics import Verdict
-        from baqueano.vehicle_file.provenance import Provenance
-
         vehicle_file, _, laps = self._laps(request)
         if vehicle_file.path is None:
             raise UsageError.of("web.tune-garage", "baqueano new mylab", vehicle=vehicle_file.name)
@@ -142,8 +145,6 @@ class TuningWorker:
 def requested_vehicle_file(request: JsonObject) -> VehicleFile:
     """Return the vehicle file of a question: the file named `vehicle`, or the file in the run at `path`."""
     from baqueano.drive.replay import recorded_vehicle_file
-    from baqueano.runs import read_run
-    from baqueano.vehicle_file import load
 
     if "vehicle" in request:
         return load(request["vehicle"])
@@ -179,10 +180,6 @@ def _route(request: JsonObject) -> Route:
 
 def stored_run_route(request: JsonObject) -> Route | None:
     """Return the references of a run as a route; None if they are missing or do not move."""
-    from baqueano.guides.route import Route
-    from baqueano.runs import read_run
-    from baqueano.signals import seconds
-
     ref = read_run(Path(request["path"])).reference
     if ref is None:
         return None
@@ -210,8 +207,6 @@ def lap_json(lap: SimulatedLap) -> JsonObject:
 
 
 def _parameter_meanings(block: object) -> "list[tuple[str, str]]":
-    from baqueano.parameter import parameters
-
     return [(name, parameter_.meaning) for name, parameter_ in parameters(block)]
 
 

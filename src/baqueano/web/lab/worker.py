@@ -17,8 +17,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault, note
+from baqueano.diagnostics import Verdict, fault, note
 from baqueano.errors import AnswerNo, BaqueanoError, FileError, UsageError, error_text
+from baqueano.messages import text
+from baqueano.messages.language import use_language
 from baqueano.messages.notation import COMMAND_LINE, use_notation
 from baqueano.web.lab.drives import DriveIdentifications
 
@@ -158,8 +160,6 @@ def _compare(request: JsonObject) -> tuple[JsonObject, bytes]:
     """Return the comparison of these runs, with sentences in the requested language."""
     from baqueano.compare import compare
     from baqueano.compare.table import table_sections
-    from baqueano.messages import text
-    from baqueano.messages.language import use_language
     from baqueano.runs import read_run
 
     comparison = compare([read_run(Path(path)) for path in request["paths"]])
@@ -243,7 +243,6 @@ def _close_lap(request: JsonObject) -> tuple[JsonObject, bytes]:
     The route with the name `route`, which this lap taught, is stored again with the new scale. Raise AnswerNo for a
     run that was not driven by hand with this identified vehicle, or that has already changed the file.
     """
-    from baqueano.diagnostics import Verdict
     from baqueano.drive import replay
     from baqueano.drive.closure import lap_closure
     from baqueano.drive.replay import recorded_vehicle_file
