@@ -125,10 +125,10 @@ class ShownRun:
         if count <= MAX_SHOWN_EVENTS:
             return lines
         command = current_notation().command("--json")
-        more = _(
+        remark = _(
             "and {more} more events. To list all: {command}", more=count - MAX_SHOWN_EVENTS, command=command
         )
-        return [*lines, more]
+        return [*lines, remark]
 
     def events(self) -> list[TableRow]:
         """Return all events as flat dicts, times in seconds since the first tick."""
