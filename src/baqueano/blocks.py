@@ -18,7 +18,7 @@ from types import ModuleType
 
 from baqueano.block_checks.source import place as place_of
 from baqueano.contracts.blocks import STEP_INPUTS
-from baqueano.contracts.time_limit import PREPARE_S, within
+from baqueano.contracts.time_limit import HANG_S, PREPARE_S, within
 from baqueano.diagnostics import Diagnostic, nearest, note
 from baqueano.errors import (
     USER_MODULE_PREFIX,
@@ -227,18 +227,18 @@ def infer_role(block_class: type) -> str:
     step = getattr(block_class, "step", None)
     figures = {"place": place_of(block_class), "block": block_class.__name__}
     if not callable(step):
-        raise FileError.of("block.no-step", place=place_of(block_class), block=block_class.__name__)
+        raise FileError.of("block.no-step", **figures)
     if hasattr(block_class, "advance"):
         return "vehicle"
     if hasattr(block_class, "h"):
         return "sensor"
     names = [name.lstrip("_") for name in inspect.signature(step).parameters]
     if names[:1] in (["state"], ["belief"]) and tuple(names[1:]) in STEP_INPUTS.values():
-        raise FileError(fault("block.step-without-self", names=", ".join(names), **figures))
+        raise FileError.of("block.step-without-self", names=", ".join(names), **figures)
     for role, inputs in STEP_INPUTS.items():
         if tuple(names[2:]) == inputs:
             return role
-    raise FileError.of("block.no-role", place=place_of(block_class), block=block_class.__name__, names=names)
+    raise FileError.of("block.no-role", names=names[2:], **figures)
 
 
 def check_role(role: str, block: object) -> None:

@@ -19,6 +19,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result, pandas
 from baqueano.contracts.values import TableRow, Value
 from baqueano.diagnostics import Diagnostic
+from baqueano.errors import UsageError
 from baqueano.runs.logs import (
     Channel,
     EstimateLog,
@@ -228,7 +229,7 @@ class Run(Result):
     def cut(self, from_s: float = 0.0, to_s: float = float("inf")) -> "Run":
         """Return the part from `from_s` (included) to `to_s` (not included) seconds after the first tick."""
         if not from_s < to_s:
-            raise UsageError(fault("runs.cut-order", start_s=from_s, end_s=to_s))
+            raise UsageError.of("runs.cut-order", start_s=from_s, end_s=to_s)
         low, high = (self._instant_ns(s) for s in (from_s, to_s))
         first, last = np.searchsorted(self.t_ns, [low, high])
         # measurements that arrived up to the previous tick belong to that tick
