@@ -22,7 +22,6 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.values import Tree, Value
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid, MissingMethod
 from baqueano.geometry import map_from_body, pose_error, wrap
 from baqueano.parameter import INF, document, parameter
@@ -161,7 +160,7 @@ class ModelFollower:
         check_bounds(self)
         if self.limit.shape != (self.vehicle.commands,):
             shape, commands = str(self.limit.shape), self.vehicle.commands
-            raise Invalid(fault("field.limit", block=type(self).__name__, value=shape, commands=commands))
+            raise Invalid.of("field.limit", block=type(self).__name__, value=shape, commands=commands)
 
     def memory(self) -> np.ndarray:
         """Return the memory (…,) of the law before the first tick; it is empty, (0,), for most laws."""
@@ -172,7 +171,7 @@ class ModelFollower:
 
         A subclass defines this method; the base class raises MissingMethod.
         """
-        raise MissingMethod(fault("follower.no-law", block=type(self).__name__))
+        raise MissingMethod.of("follower.no-law", block=type(self).__name__)
 
     def init(self) -> FollowerState:
         """Return the state of a vehicle at rest."""
@@ -284,7 +283,7 @@ class ModelFollower:
         try:
             memory, (v, omega) = result
         except (TypeError, ValueError) as error:
-            raise MissingMethod(fault("follower.law-result", block=type(self).__name__)) from error
+            raise MissingMethod.of("follower.law-result", block=type(self).__name__) from error
         max_speed = np.abs(tracking.nu_f[0]) + MAX_CATCH_UP_M_S
         return memory, np.clip(v, -max_speed, max_speed), omega
 

@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.geometry import pose_error, wrap
 from baqueano.parameter import INF, document, parameter
@@ -75,7 +74,7 @@ class Pd:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.limit.shape not in ((2,), (3,)):
-            raise Invalid(fault("pd.limit", value=str(self.limit.shape)))
+            raise Invalid.of("pd.limit", value=str(self.limit.shape))
 
     def init(self) -> PdState:
         """Return the state before the first tick."""

@@ -12,7 +12,6 @@ import numpy as np
 
 from baqueano.contracts.blocks import Controller
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.signals import NANOSECONDS, TICK_TOLERANCE_NS, Command, Estimate, Reference
 from baqueano.symbolic import branch
@@ -135,10 +134,10 @@ def script_commands(steps: Sequence[tuple[float, Sequence[float]]], n: int, rate
         try:
             duration_s, u = float(step[0]), np.array(step[1], dtype=float)
         except (TypeError, ValueError, IndexError) as error:
-            raise UsageError(fault("drive.step-pair", number=k + 1, value=repr(step))) from error
+            raise UsageError.of("drive.step-pair", number=k + 1, value=repr(step)) from error
         if u.shape != (n,) or not (0.0 < duration_s < np.inf and np.all(np.isfinite(u))):
-            raise UsageError(fault("drive.step-numbers", number=k + 1, value=repr(step), commands=n))
+            raise UsageError.of("drive.step-numbers", number=k + 1, value=repr(step), commands=n)
         rows.append(np.tile(u, (max(1, round(duration_s * rate_hz)), 1)))
     if not rows:
-        raise UsageError(fault("drive.no-steps"))
+        raise UsageError.of("drive.no-steps")
     return np.concatenate(rows)

@@ -12,7 +12,6 @@ from functools import cache
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.messages.language import translate as _
 
@@ -24,22 +23,22 @@ def covariance(matrix: Value, size: int, name: str) -> np.ndarray:
     """Return `matrix` as floats (size, size). Raise Invalid with the wrong entry and the nearest valid matrix."""
     P = np.array(matrix, dtype=float)
     if P.shape != (size, size):
-        raise Invalid(fault("cov.shape", name=name, value=str(P.shape), size=size))
+        raise Invalid.of("cov.shape", name=name, value=str(P.shape), size=size)
     if not np.all(np.isfinite(P)):
         i, j = np.argwhere(~np.isfinite(P))[0]
-        raise Invalid(fault("cov.not-finite", name=name, i=i, j=j, value=P[i, j]))
+        raise Invalid.of("cov.not-finite", name=name, i=i, j=j, value=P[i, j])
     scale = np.max(np.abs(P), initial=0.0)
     asymmetry = np.abs(P - P.T)
     if np.max(asymmetry) > 1e-9 * scale:
         i, j = np.unravel_index(np.argmax(np.triu(asymmetry)), P.shape)
         entries = {"i": i, "j": j, "first": P[i, j], "second": P[j, i]}
-        raise Invalid(fault("cov.not-symmetric", name=name, **entries, offer=_nearest_valid_text(P)))
+        raise Invalid.of("cov.not-symmetric", name=name, **entries, offer=_nearest_valid_text(P))
     min_eigenvalue = np.linalg.eigvalsh(P)[0]
     if min_eigenvalue < -1e-12 * scale:
         i, j = _worst_pair(P)
         entries = {"i": i, "j": j, "entry": P[i, j], "first": P[i, i], "second": P[j, j]}
         offer = _nearest_valid_text(P)
-        raise Invalid(fault("cov.eigenvalue", name=name, smallest=min_eigenvalue, **entries, offer=offer))
+        raise Invalid.of("cov.eigenvalue", name=name, smallest=min_eigenvalue, **entries, offer=offer)
     return mirror_upper(P)
 
 

@@ -22,7 +22,6 @@ import numpy as np
 from baqueano.contracts.blocks import Sensor, SensorBlocks
 from baqueano.contracts.optional import is_dynamic
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.estimators.covariance import block_diagonal, covariance, mirror_upper
 from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
@@ -135,19 +134,19 @@ class Ekf:
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:
-            raise Invalid(fault("ekf.mode", value=self.mode, valid=MODES))
+            raise Invalid.of("ekf.mode", value=self.mode, valid=MODES)
         check_use(self.sensors, self.use)
         positive_fields = {
             name: getattr(self, name) for name in ("rate_hz", "gate_sigma", "disturbance_time_s")
         }
         if not all(value > 0.0 for value in positive_fields.values()):
-            raise Invalid(fault("ekf.positive", **positive_fields))
+            raise Invalid.of("ekf.positive", **positive_fields)
         object.__setattr__(
             self, "process_noise_cov", covariance(self.process_noise_cov, 6, "process_noise_cov")
         )
         object.__setattr__(self, "initial_std", np.array(self.initial_std, dtype=float))
         if self.initial_std.shape != (9,) or not np.all(self.initial_std > 0.0):
-            raise Invalid(fault("ekf.initial-std", value=self.initial_std))
+            raise Invalid.of("ekf.initial-std", value=self.initial_std)
 
     def init(self, eta: np.ndarray | None = None, nu: np.ndarray | None = None) -> Belief:
         """Return the belief at `eta` (3,) in the map with `nu` (3,) in the body; by default at rest at the origin."""

@@ -17,7 +17,6 @@ import numpy as np
 
 from baqueano.contracts.blocks import SensorBlocks
 from baqueano.contracts.optional import is_dynamic
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.estimators.covariance import block_diagonal, covariance, mirror_upper
 from baqueano.estimators.ekf import Belief, move_by_model
@@ -95,7 +94,7 @@ class Unscented:
         check_bounds(self)
         check_use(self.sensors, self.use)
         if not is_dynamic(self.vehicle):
-            raise Invalid(fault("unscented.no-acceleration", vehicle=type(self.vehicle).__name__))
+            raise Invalid.of("unscented.no-acceleration", vehicle=type(self.vehicle).__name__)
         R = covariance(self.process_noise_cov, 6, "process_noise_cov")
         object.__setattr__(self, "process_noise_cov", R)
 

@@ -20,7 +20,6 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Guide
 from baqueano.contracts.values import Tree, Value
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid, UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route
@@ -92,14 +91,14 @@ class Repeat:
         m = len(self.t_s)
         if m < 2 or self.t_s.shape != (m,) or self.eta.shape != (m, 3) or self.nu.shape != (m, 3):
             shapes = {name: str(getattr(self, name).shape) for name in ("t_s", "eta", "nu")}
-            raise Invalid(fault("route.shapes", **shapes))
+            raise Invalid.of("route.shapes", **shapes)
         if not all(np.all(np.isfinite(x)) for x in (self.t_s, self.eta, self.nu)):
-            raise Invalid(fault("route.not-finite"))
+            raise Invalid.of("route.not-finite")
         check_bounds(self)
         if self.t_s[0] != 0.0 or not np.all(np.diff(self.t_s) > 0.0):
-            raise Invalid(fault("guide.times", value=str(self.t_s[:3].tolist())))
+            raise Invalid.of("guide.times", value=str(self.t_s[:3].tolist()))
         if self.laps < 0:
-            raise Invalid(fault("route.laps", value=self.laps))
+            raise Invalid.of("route.laps", value=self.laps)
         self.eta[:, 2] = np.unwrap(self.eta[:, 2])
 
     @classmethod
@@ -209,7 +208,7 @@ def with_laps(guide: Guide, laps: int) -> Guide:
         raise
     except (AttributeError, TypeError, ValueError) as error:
         class_name = type(guide).__name__
-        raise UsageError(
-            fault("route.laps-kept", kind=class_name, former_laps=present_laps, laps=laps, cause=error)
+        raise UsageError.of(
+            "route.laps-kept", kind=class_name, former_laps=present_laps, laps=laps, cause=error
         ) from error
     return lap_guide

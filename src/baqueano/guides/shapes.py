@@ -18,7 +18,7 @@ import numpy as np
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.names import SHAPE_NAMES
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import fault, nearest
+from baqueano.diagnostics import nearest
 from baqueano.errors import Invalid
 from baqueano.guides.repeat import Repeat, RepeatState
 from baqueano.guides.route import Route, curve_route, relative_poses
@@ -163,14 +163,12 @@ def rectangle(length_m: float, width_m: float, corner_m: float, speed_m_s: float
     _check(length_m, speed_m_s)
     a, b = length_m - 2.0 * corner_m, width_m - 2.0 * corner_m
     if not (a > 0.0 and b > 0.0 and corner_m > 0.0):
-        raise Invalid(
-            fault(
-                "shape.corners",
-                length_m=length_m,
-                width_m=width_m,
-                corner_m=corner_m,
-                max_m=min(length_m, width_m) / 2.0,
-            )
+        raise Invalid.of(
+            "shape.corners",
+            length_m=length_m,
+            width_m=width_m,
+            corner_m=corner_m,
+            max_m=min(length_m, width_m) / 2.0,
         )
     quarter = 0.5 * np.pi * corner_m
     pieces = [(a / 2, 0.0), (quarter, 1.0), (b, 0.0), (quarter, 1.0), (a, 0.0), (quarter, 1.0), (b, 0.0)]
@@ -299,7 +297,7 @@ def _check(length_m: float, speed_m_s: float) -> None:
     """Raise Invalid for a length or a speed that is not a positive finite number."""
     for code, value in (("shape.length", length_m), ("route.speed", speed_m_s)):
         if not 0.0 < value < np.inf:
-            raise Invalid(fault(code, value=value))
+            raise Invalid.of(code, value=value)
 
 
 def _points(length_m: float) -> int:
@@ -338,7 +336,7 @@ def shape(name: str, size_m: float, speed_m_s: float) -> Route:
             return slalom(2 * size_m, 0.3 * size_m, 3, speed_m_s)
         case "clothoid":
             return clothoid(2 * size_m, 0.5 * np.pi, speed_m_s)
-    raise Invalid(fault("shape.unknown", value=str(name), suggestion=nearest(str(name), SHAPE_NAMES)))
+    raise Invalid.of("shape.unknown", value=str(name), suggestion=nearest(str(name), SHAPE_NAMES))
 
 
 @document
@@ -371,7 +369,7 @@ class SinuousCircle:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.amplitude_m >= self.radius_m:
-            raise Invalid(fault("shape.amplitude", amplitude_m=self.amplitude_m, radius_m=self.radius_m))
+            raise Invalid.of("shape.amplitude", amplitude_m=self.amplitude_m, radius_m=self.radius_m)
 
     def _repeat(self) -> Repeat:
         return _repeat(self.radius_m, self.amplitude_m, self.waves, self.speed_m_s, self.laps)

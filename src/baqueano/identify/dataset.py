@@ -10,7 +10,7 @@ from baqueano.calibration.rest import MIN_REST_S, REST_S, with_rest_gyro_bias
 from baqueano.calibration.tolerances import measured_gyro_bias_std
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import TRUTH, with_hand_measurements, with_truth
 from baqueano.identify.data.record import FittedBlocks
@@ -172,7 +172,7 @@ def check_command_count(vehicle_file: "VehicleFile", runs: Sequence[Run]) -> Non
         if run.applied_commands.shape[1] != n:
             names: JsonObject = {"run": run.name, "vehicle": vehicle_file.name}
             counts: JsonObject = {"commands": run.applied_commands.shape[1], "expected": n}
-            raise UsageError(fault("runs.other-vehicle", "--vehicle FILE", **names, **counts))
+            raise UsageError.of("runs.other-vehicle", "--vehicle FILE", **names, **counts)
 
 
 def select_sensors(
@@ -182,7 +182,7 @@ def select_sensors(
     truth, the truth becomes a sensor. Raise UsageError without runs, for an unknown sensor or channel, or if no sensor
     has readings in all runs."""
     if not runs:
-        raise UsageError(fault("runs.none", "bq.identify(run, robot)"))
+        raise UsageError.of("runs.none", "bq.identify(run, robot)")
     file_sensors = vehicle_file.sensors._fields
     if use is None:
         use = [
@@ -196,10 +196,10 @@ def select_sensors(
         runs, sensors = with_truth(runs, sensors)
     for name in names:
         if name not in sensors._fields:
-            raise UsageError(fault("use.unknown", sensor=name, valid=file_sensors))
+            raise UsageError.of("use.unknown", sensor=name, valid=file_sensors)
         size = getattr(sensors, name).size
         if name in channels and max(channels[name]) >= size:
-            raise UsageError(fault("use.no-channel", sensor=name, entry=max(channels[name]), last=size - 1))
+            raise UsageError.of("use.no-channel", sensor=name, entry=max(channels[name]), last=size - 1)
     used_sensors = sensor_slots(tuple(names))(*(getattr(sensors, name) for name in names))
     return FittedBlocks(vehicle_file.vehicle, used_sensors), runs, channels
 
@@ -213,8 +213,8 @@ def _no_common_sensor(names: Sequence[str], runs: list[Run]) -> UsageError:
         # the channel is recorded, but a run lacks its readings
         is_recorded = all(name in run.sensors for run in runs)
         code = "use.read-in-some" if is_recorded else "use.not-in-all"
-        return UsageError(fault(code, runs=other_runs, sensor=name))
-    return UsageError(fault("use.nothing-common", sensors=sorted(set().union(*sensor_sets)), valid=names))
+        return UsageError.of(code, runs=other_runs, sensor=name)
+    return UsageError.of("use.nothing-common", sensors=sorted(set().union(*sensor_sets)), valid=names)
 
 
 def _sensor_channels(use: Sequence[str]) -> dict[str, list[int]]:
@@ -224,6 +224,6 @@ def _sensor_channels(use: Sequence[str]) -> dict[str, list[int]]:
         name, bracket, entry = channel.partition("[")
         if bracket and name not in use:
             if not entry.rstrip("]").isdigit():
-                raise UsageError(fault("use.unreadable", value=channel))
+                raise UsageError.of("use.unreadable", value=channel)
             channels.setdefault(name, []).append(int(entry.rstrip("]")))
     return channels

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.calibration.tolerances import scale_stds
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import UsageError
 from baqueano.identify.covariance.clusters import jackknife, with_jackknife
 from baqueano.identify.covariance.information import Information
@@ -52,7 +52,7 @@ def gyro_leads(
     refused_options = [name for name in options.non_defaults if name not in ALLOWED_OPTIONS]
     refused_options += ["residuals"] if is_custom else []
     if options.gyro_leads and refused_options:
-        raise UsageError(fault("imu-only.others", others=refused_options))
+        raise UsageError.of("imu-only.others", others=refused_options)
     if options.gyro_leads is not None:
         return options.gyro_leads
     return not refused_options and is_imu_only(vehicle_file, runs, use, free)
@@ -77,8 +77,8 @@ def select_imu(vehicle_file: "VehicleFile", use: Sequence[str] | None) -> list[s
     if len(imus) == 1 and imus[0] in names:
         return imus
     if use is not None:
-        raise UsageError(fault("imu-only.not-an-imu", vehicle=vehicle_file.name, valid=names, use=list(use)))
-    raise UsageError(fault("imu-only.which-imu", vehicle=vehicle_file.name, valid=names))
+        raise UsageError.of("imu-only.not-an-imu", vehicle=vehicle_file.name, valid=names, use=list(use))
+    raise UsageError.of("imu-only.which-imu", vehicle=vehicle_file.name, valid=names)
 
 
 def make_imu_fit(end: FinishedFit) -> Fit:

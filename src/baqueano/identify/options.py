@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from baqueano.contracts.calls import checked_call
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 COSTS = ("simulation", "innovations")
@@ -79,16 +78,16 @@ class FitOptions:
 
     def __post_init__(self) -> None:
         if self.cost not in COSTS:
-            raise UsageError(fault("cost.unknown", value=self.cost, valid=COSTS))
+            raise UsageError.of("cost.unknown", value=self.cost, valid=COSTS)
         if self.cost == "innovations" and self.clocks:
-            raise UsageError(fault("cost.free-clock", "--cost simulation", clocks=self.clocks))
+            raise UsageError.of("cost.free-clock", "--cost simulation", clocks=self.clocks)
         if self.segment_s is not None and not self.segment_s > 0.0:
-            raise UsageError(fault("segment.length", length_s=self.segment_s))
+            raise UsageError.of("segment.length", length_s=self.segment_s)
         if self.measured and self.segment_s is not None:
-            raise UsageError(fault("tape.cut"))
+            raise UsageError.of("tape.cut")
         for path, (low, high) in self.bounds.items():
             if not low < high:
-                raise UsageError(fault("parameter.bounds", path=path, low=low, high=high))
+                raise UsageError.of("parameter.bounds", path=path, low=low, high=high)
 
     @property
     def non_defaults(self) -> tuple[str, ...]:

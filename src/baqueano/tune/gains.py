@@ -19,7 +19,6 @@ import numpy as np
 
 from baqueano.contracts.blocks import Guide
 from baqueano.contracts.calls import checked_call
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.guides.route import Route
 from baqueano.tune.margins import has_stable_loop
@@ -106,7 +105,7 @@ def tune(
     initial_gains = [file_gains] if np.all(np.isfinite(file_gains)) else []
     nominal, descents = search_gains(rehearsal.nominal(), initial_gains, starts, polish)
     if descents[0].cost >= DIVERGED_COST:
-        raise UsageError(fault("tune.all-run-away", vehicle=vehicle_file.name))
+        raise UsageError.of("tune.all-run-away", vehicle=vehicle_file.name)
     worst_cost = None
     if len(rehearsal.vehicles) > 1:
         seed, nominal_gains = options.get("seed", 0), descents[0].gains

@@ -22,7 +22,6 @@ import numpy as np
 from baqueano.contracts.blocks import Guide, OwnBlock
 from baqueano.contracts.calls import checked_call
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.geometry import compose
 from baqueano.guides.route import Route
@@ -266,13 +265,13 @@ def tuning_objective(
     """
     weights = checked_weights(vehicle_file, radian_m, huber_m, jerk_m2, effort_m2)
     if not np.isfinite(aside_m):
-        raise UsageError(fault("tune.offset", aside_m=aside_m))
+        raise UsageError.of("tune.offset", aside_m=aside_m)
     space = search_space(vehicle_file, gains, bounds, controller)
     run_kernels: list[Any] = (
         [*routes] if isinstance(routes, list | tuple) and not isinstance(routes, Route) else [routes]
     )
     if not run_kernels or seeds < 1:
-        raise UsageError(fault("tune.nothing-to-drive", routes=len(run_kernels), seeds=seeds))
+        raise UsageError.of("tune.nothing-to-drive", routes=len(run_kernels), seeds=seeds)
     for route in run_kernels:
         _check_motion(vehicle_file, route)
     systems = [
@@ -303,7 +302,7 @@ def _check_motion(vehicle_file: "VehicleFile", route: Route | Guide) -> None:
     v, _, r = route.nu[np.argmax(np.abs(route.nu[:, 2]))]
     if np.isinf(Capability(vehicle_file, "numpy").share(v, r)):
         figures = {"vehicle": vehicle_file.name, "speed_m_s": float(v), "yaw_rate_rad_s": float(r)}
-        raise AnswerNo(fault("tune.no-effect", **figures))
+        raise AnswerNo.of("tune.no-effect", **figures)
 
 
 def _case(
@@ -378,7 +377,7 @@ def checked_weights(
     radian_m = _heading_weight_m(vehicle_file) if radian_m is None else radian_m
     weights = Weights(radian_m, huber_m, jerk_m2, effort_m2)
     if not (radian_m >= 0.0 and huber_m > 0.0 and jerk_m2 >= 0.0 and effort_m2 >= 0.0):
-        raise UsageError(fault("tune.weights", **weights._asdict()))
+        raise UsageError.of("tune.weights", **weights._asdict())
     return weights
 
 

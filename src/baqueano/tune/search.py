@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.tune.quasi_newton import minimise
 
@@ -210,7 +209,7 @@ def halton(points: int, dimensions: int) -> np.ndarray:
     for more dimensions than PRIMES has entries.
     """
     if dimensions > len(PRIMES):
-        raise UsageError(fault("tune.too-many", dimensions=dimensions, maximum=len(PRIMES)))
+        raise UsageError.of("tune.too-many", dimensions=dimensions, maximum=len(PRIMES))
     sequence = np.zeros((points, dimensions))
     for j, base in enumerate(PRIMES[:dimensions]):
         for i in range(points):
@@ -229,5 +228,5 @@ def _minimize() -> Callable:
     try:
         from scipy.optimize import minimize
     except ImportError as error:
-        raise UsageError(fault("lab.scipy-for-tuning", "pip install scipy")) from error
+        raise UsageError.of("lab.scipy-for-tuning", "pip install scipy") from error
     return minimize

@@ -17,7 +17,7 @@ from baqueano.blocks import kinds, resolve
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller, OwnBlock
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import fault, nearest
+from baqueano.diagnostics import nearest
 from baqueano.errors import BaqueanoError, UsageError
 from baqueano.parameter import Parameter, parameters
 from baqueano.symbolic import value_at_path, with_value
@@ -100,7 +100,7 @@ def _controller_kind(controller: OwnBlock) -> str:
         return names[0]
     path = getattr(sys.modules.get(controller_class.__module__), "__file__", None)
     if path is None:
-        raise UsageError(fault("tune.of-a-cell", controller=controller_class.__name__))
+        raise UsageError.of("tune.of-a-cell", controller=controller_class.__name__)
     return f"{path}:{controller_class.__qualname__}"
 
 
@@ -114,7 +114,7 @@ def search_space(
     bounds = bounds or {}
     block, complete_gains = _find_controller(vehicle_file, gains, controller)
     if optional.attribute(block, "is_interpreted"):
-        raise UsageError(fault("tune.as-written", controller=type(block).__name__))
+        raise UsageError.of("tune.as-written", controller=type(block).__name__)
     entries = _entries(block)
     names = _gain_names(type(block).__name__, entries, gains, bounds)
     bounds = {e: bounds[name] for name in bounds for e in _entry_names(name, entries)}
@@ -130,7 +130,7 @@ def search_space(
     low, high, hard_low, hard_high = np.array(gain_bounds, dtype=float).T
     for name, l, h in zip(names, low, high, strict=True):
         if not (np.isfinite(l) and np.isfinite(h) and l < h):
-            raise UsageError(fault("tune.bounds", name=name, low=l, high=h))
+            raise UsageError.of("tune.bounds", name=name, low=l, high=h)
     initial_gains = np.where(np.isfinite(file_gains), file_gains, 0.5 * (low + high))
     units = tuple(entries[name].unit for name in names)
     block = with_gains(block, names, initial_gains)
@@ -147,10 +147,10 @@ def _gain_names(
     for name in [*selection, *bounds]:
         if name not in entries and name not in fields:
             figures = {"kind": kind, "value": name, "suggestion": nearest(name, entries)}
-            raise UsageError(fault("tune.no-such-gain", **figures))
+            raise UsageError.of("tune.no-such-gain", **figures)
     if names := tuple(dict.fromkeys(e for name in selection for e in _entry_names(name, entries))):
         return names
-    raise UsageError(fault("tune.no-gains", kind=kind))
+    raise UsageError.of("tune.no-gains", kind=kind)
 
 
 def _find_controller(

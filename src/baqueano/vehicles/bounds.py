@@ -6,7 +6,6 @@ The check runs once, when a block is built, and not while the vehicle moves or a
 import numpy as np
 
 from baqueano.contracts.values import Tree, Value
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, Parameter, parameters
 
@@ -29,51 +28,43 @@ def check_commands(vehicle: Tree, names: str) -> None:
     model, drivetrain = type(vehicle).__name__, vehicle.drivetrain
     if drivetrain.commands != vehicle.commands:
         figures = {"commands": vehicle.commands, "names": names, "rows": drivetrain.commands}
-        raise Invalid(fault("vehicle.commands", model=model, **figures))
+        raise Invalid.of("vehicle.commands", model=model, **figures)
 
 
 def _check_type(field_name: str, value: Value, p: Parameter) -> None:
     if p.shape == () and (np.ndim(value) != 0 or isinstance(value, bool | str)):
-        raise Invalid(
-            fault(
-                "field.one-number", field=field_name, value=repr(value), unit_name=p.unit, meaning=p.meaning
-            )
+        raise Invalid.of(
+            "field.one-number", field=field_name, value=repr(value), unit_name=p.unit, meaning=p.meaning
         )
     if p.shape != () and not isinstance(value, np.ndarray):
-        raise Invalid(fault("field.not-array", field=field_name, value=repr(value), meaning=p.meaning))
+        raise Invalid.of("field.not-array", field=field_name, value=repr(value), meaning=p.meaning)
     if p.shape is not None and np.shape(value) != p.shape:
-        raise Invalid(
-            fault(
-                "field.shape",
-                field=field_name,
-                value=str(np.shape(value)),
-                expected=str(p.shape),
-                unit_name=p.unit,
-                meaning=p.meaning,
-            )
+        raise Invalid.of(
+            "field.shape",
+            field=field_name,
+            value=str(np.shape(value)),
+            expected=str(p.shape),
+            unit_name=p.unit,
+            meaning=p.meaning,
         )
 
 
 def _check_values(field_name: str, value: np.ndarray, p: Parameter) -> None:
     if np.isnan(value).any() or (p.high < INF and np.isinf(value).any()):
-        raise Invalid(
-            fault(
-                "field.not-finite",
-                field=field_name,
-                value=str(value.tolist()),
-                unit_name=p.unit,
-                meaning=p.meaning,
-            )
+        raise Invalid.of(
+            "field.not-finite",
+            field=field_name,
+            value=str(value.tolist()),
+            unit_name=p.unit,
+            meaning=p.meaning,
         )
     if (value < p.low).any() or (value > p.high).any():
-        raise Invalid(
-            fault(
-                "field.range",
-                field=field_name,
-                value=str(value.tolist()),
-                low=p.low,
-                high=p.high,
-                unit_name=p.unit,
-                meaning=p.meaning,
-            )
+        raise Invalid.of(
+            "field.range",
+            field=field_name,
+            value=str(value.tolist()),
+            low=p.low,
+            high=p.high,
+            unit_name=p.unit,
+            meaning=p.meaning,
         )

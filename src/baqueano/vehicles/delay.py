@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 
 MIN_TICK_S = 1e-9  # one count of the clock: the length used for a tick without duration
@@ -98,8 +97,6 @@ def with_newest_value(line: np.ndarray, newest_value: Value) -> np.ndarray:
 def check_delay(name: str, delay_s: float, delay_slots: int) -> None:
     """Raise Invalid for a delay above 0 without slots, or for a number of slots that is not an integer ≥ 0."""
     if not isinstance(delay_slots, int) or isinstance(delay_slots, bool) or delay_slots < 0:
-        raise Invalid(fault("delay.slots", name=name, value=repr(delay_slots)))
+        raise Invalid.of("delay.slots", name=name, value=repr(delay_slots))
     if delay_s > 0.0 and delay_slots == 0:
-        raise Invalid(
-            fault("delay.no-slots", name=name, delay_s=delay_s, slots=int(np.ceil(delay_s * 100.0)))
-        )
+        raise Invalid.of("delay.no-slots", name=name, delay_s=delay_s, slots=int(np.ceil(delay_s * 100.0)))

@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter, parameters
 from baqueano.vehicles.bounds import check_bounds
@@ -186,20 +185,20 @@ class Drivetrain:
 
     def __post_init__(self) -> None:
         if self.mixing not in MIXINGS:
-            raise Invalid(fault("drivetrain.mixing", value=repr(self.mixing), valid=MIXINGS))
+            raise Invalid.of("drivetrain.mixing", value=repr(self.mixing), valid=MIXINGS)
         if self.battery not in BATTERY_MODES:
-            raise Invalid(fault("drivetrain.battery", value=repr(self.battery), valid=BATTERY_MODES))
+            raise Invalid.of("drivetrain.battery", value=repr(self.battery), valid=BATTERY_MODES)
         if self.mixing == "two_wheels" and self.commands != 3:
-            raise Invalid(fault("drivetrain.commands", commands=self.commands))
+            raise Invalid.of("drivetrain.commands", commands=self.commands)
         check_bounds(self)
         check_delay("Drivetrain", self.delay_s, self.delay_slots)
         self._check_channels()
         for name, flag in (("lag_s", "has_lag"), ("servo_lag_s", "has_servo_lag")):
             lag_s = getattr(self, name)
             if getattr(self, flag) and lag_s == 0.0:
-                raise Invalid(fault("drivetrain.lag", name=name, flag=flag))
+                raise Invalid.of("drivetrain.lag", name=name, flag=flag)
             if 0.0 < lag_s < MIN_LAG_S:
-                raise Invalid(fault("drivetrain.lag-tiny", name=name, lag_s=lag_s))
+                raise Invalid.of("drivetrain.lag-tiny", name=name, lag_s=lag_s)
             if lag_s > 0.0:
                 object.__setattr__(self, flag, True)
         if self.back_emf_share > 0.0:
@@ -210,15 +209,13 @@ class Drivetrain:
         for name, p in parameters(self):
             shape = np.shape(getattr(self, name))
             if p.shape is None and shape not in ((1,), (k,)):
-                raise Invalid(
-                    fault(
-                        "drivetrain.shape",
-                        name=name,
-                        value=str(shape),
-                        channels=k,
-                        mixing=repr(self.mixing),
-                        commands=self.commands,
-                    )
+                raise Invalid.of(
+                    "drivetrain.shape",
+                    name=name,
+                    value=str(shape),
+                    channels=k,
+                    mixing=repr(self.mixing),
+                    commands=self.commands,
                 )
 
     @property

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.parameter import document, parameter
 from baqueano.vehicles.bounds import check_bounds
@@ -94,7 +93,7 @@ class Friction:
     def __post_init__(self) -> None:
         check_bounds(self)
         if self.track_m == 0.0 and (np.any(self.coulomb_forward) or np.any(self.coulomb_backward)):
-            raise Invalid(fault("friction.track"))
+            raise Invalid.of("friction.track")
 
     def force(self, nu: np.ndarray) -> np.ndarray:
         """Return f(ν) (3,) [N, N, N m], the force and torque to be subtracted from the driving force.  (1)"""

@@ -11,7 +11,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from baqueano.diagnostics import fault
 from baqueano.errors import MissingMethod
 from baqueano.geometry import map_from_body, wrap
 from baqueano.parameter import document, parameter
@@ -73,7 +72,7 @@ class AccelerationModel:
 
         A subclass defines this method; the base class raises MissingMethod.
         """
-        raise MissingMethod(fault("vehicle.no-equation", vehicle=type(self).__name__))
+        raise MissingMethod.of("vehicle.no-equation", vehicle=type(self).__name__)
 
     def gravity(self, psi: float) -> np.ndarray:
         """Return gravity along body x and y (2,) [m/s²]: zeros, because the floor is level."""

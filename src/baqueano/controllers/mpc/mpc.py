@@ -25,7 +25,7 @@ from baqueano.controllers.model_following import MAX_CATCH_UP_M_S
 from baqueano.controllers.mpc.horizon import Horizon
 from baqueano.controllers.mpc.program import BoundedProgram
 from baqueano.controllers.mpc.state import MpcState
-from baqueano.diagnostics import Diagnostic, Severity, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, seconds
@@ -96,7 +96,7 @@ class Mpc:
         check_bounds(self)
         if self.limit.shape != (self.vehicle.commands,):
             shape, commands = str(self.limit.shape), self.vehicle.commands
-            raise Invalid(fault("field.limit", block=type(self).__name__, value=shape, commands=commands))
+            raise Invalid.of("field.limit", block=type(self).__name__, value=shape, commands=commands)
 
     def init(self) -> MpcState:
         """Return the plan of a vehicle at rest."""
@@ -118,7 +118,7 @@ class Mpc:
         solution = None if program is None else self._program.solve(program, E, state.multipliers)
         failures = 0 if solution is not None else state.failures + 1
         if failures > MAX_FAILURES:
-            raise Invalid(fault("mpc.unsolved", ticks=failures))
+            raise Invalid.of("mpc.unsolved", ticks=failures)
         E, multipliers = (E, np.zeros_like(state.multipliers)) if solution is None else solution
         u, effort = self._horizon.command(E[0])
         state = MpcState(estimate.t_ns, E, effort, drivetrain, model_nu, turn_error, failures, multipliers)

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 
 SOLVED_STATUS = (1, 2)  # status of OSQP: solved, and solved with less accuracy
@@ -102,5 +101,5 @@ def _osqp() -> Any:
     try:
         import osqp
     except ImportError as error:
-        raise UsageError(fault("mpc.no-solver", "pip install osqp")) from error
+        raise UsageError.of("mpc.no-solver", "pip install osqp") from error
     return osqp.OSQP()

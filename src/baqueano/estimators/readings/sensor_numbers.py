@@ -19,7 +19,6 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Sensor, SensorBlocks
 from baqueano.contracts.values import Value
-from baqueano.diagnostics import fault
 from baqueano.errors import Invalid
 from baqueano.geometry import map_from_body
 from baqueano.parameter import Parameter, parameters
@@ -68,7 +67,7 @@ def check_use(sensors: SensorBlocks, use: tuple[str, ...], allow_channels: bool 
     names = getattr(sensors, "_fields", ())
     for entry in use:
         if (split_use(entry)[0] if allow_channels else entry) not in names:
-            raise Invalid(fault("field.use", value=entry, valid=names))
+            raise Invalid.of("field.use", value=entry, valid=names)
 
 
 def measured_channels(sensor: Sensor, slot: Slot) -> np.ndarray:

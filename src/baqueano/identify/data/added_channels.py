@@ -19,7 +19,6 @@ import numpy as np
 
 from baqueano.calibration.hand_measurements import HAND_SENSORS, HandMeasurement, read_line
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FitRecord, FittedBlocks, Measurements
 from baqueano.parameter import parameter
@@ -68,7 +67,7 @@ def with_truth(runs: Sequence[Run], sensors: ByName[Tree]) -> tuple[list[Run], A
     for run in runs:
         truth = run.truth
         if truth is None or not np.isfinite(truth.nu if has_velocity else truth.eta).any():
-            raise UsageError(fault("truth.absent", run=run.name))
+            raise UsageError.of("truth.absent", run=run.name)
         channel = Channel(truth.t_ns, truth.t_ns, truth.nu if has_velocity else truth.eta)
         runs_with_truth.append(replace(run, sensors={**run.sensors, TRUTH: channel}))
     block = Velocity() if has_velocity else Pose()
@@ -84,7 +83,7 @@ def with_voltage(
     if getattr(drivetrain, "battery", "steady") != "logged":
         return list(records)
     if is_needed and not any(_has_voltage(run) for run in runs):
-        raise UsageError(fault("battery.no-voltage", channel=BATTERY_CHANNEL))
+        raise UsageError.of("battery.no-voltage", channel=BATTERY_CHANNEL)
     voltage_records = []
     for record in records:
         volts = _row_voltage(record, runs[record.run], drivetrain)
@@ -107,7 +106,7 @@ def _row_voltage(record: FitRecord, run: Run, drivetrain: Tree) -> np.ndarray:
     nominal = drivetrain.battery_nominal_v
     if not VOLTAGE_RATIO_RANGE[0] < np.median(z) / nominal < VOLTAGE_RATIO_RANGE[1]:
         voltages = {"voltage_v": np.median(z), "nominal_v": nominal}
-        raise UsageError(fault("battery.other-voltage", run=run.name, **voltages))
+        raise UsageError.of("battery.other-voltage", run=run.name, **voltages)
     order = np.argsort(t_s, kind="stable")
     newest = np.searchsorted(t_s[order], record.t_s, side="right") - 1
     return z[order][np.maximum(newest, 0)]

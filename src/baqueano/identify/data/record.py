@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import JsonObject, Tree
-from baqueano.diagnostics import Diagnostic, fault, note
+from baqueano.diagnostics import Diagnostic, note
 from baqueano.errors import UsageError
 from baqueano.identify.data.averaging import averaged_readings, durations_s, is_average
 from baqueano.runs.run import Run
@@ -90,7 +90,7 @@ def make_record(
     listed channels. Readings of the sensors in `clocks` are assigned MAX_CLOCK_OFFSET_S after their timestamp. Raise
     UsageError for a run with fewer than 2 ticks, without a finite command, or without a fitting channel of a sensor."""
     if len(run.t_ns) < 2:
-        raise UsageError(fault("runs.few-ticks", run=run.name, ticks=len(run.t_ns)))
+        raise UsageError.of("runs.few-ticks", run=run.name, ticks=len(run.t_ns))
     steps = np.diff(run.t_ns)
     median_ns = int(np.median(steps))
     dt_s = seconds(np.concatenate([[median_ns], steps]))
@@ -143,7 +143,7 @@ def _command(run: Run) -> tuple[np.ndarray, list[Diagnostic]]:
     if is_finite.all():
         return run.applied_commands, []
     if not is_finite.any():
-        raise UsageError(fault("runs.no-command", run=run.name))
+        raise UsageError.of("runs.no-command", run=run.name)
     last_finite = np.maximum.accumulate(np.where(is_finite, np.arange(len(is_finite)), 0))
     u = np.where(is_finite[last_finite][:, None], run.applied_commands[last_finite], 0.0)
     return u, [note("data.command-unknown", ticks=int((~is_finite).sum()))]
@@ -157,10 +157,10 @@ def _measurements(
     another number of channels."""
     channel = run.sensors.get(name)
     if channel is None:
-        raise UsageError(fault("runs.no-sensor", run=run.name, sensor=name, valid=run.sensors))
+        raise UsageError.of("runs.no-sensor", run=run.name, sensor=name, valid=run.sensors)
     if channel.z.shape[1] != block.size:
         sizes: JsonObject = {"entries": channel.z.shape[1], "size": block.size, "kind": type(block).__name__}
-        raise UsageError(fault("runs.other-size", run=run.name, sensor=name, **sizes))
+        raise UsageError.of("runs.other-size", run=run.name, sensor=name, **sizes)
     m, row_count = block.size, len(row_s)
     z, mask = np.zeros((row_count, m)), np.zeros((row_count, m))
     is_sound = np.isfinite(channel.z)
@@ -239,7 +239,7 @@ def split_record(record: FitRecord, segment_s: float, lead_s: float) -> list[Fit
     min_length_s = MIN_SEGMENT_ROWS * float(np.median(record.dt_s))
     if segment_s < min_length_s:
         limits = {"rows": MIN_SEGMENT_ROWS, "shortest_s": min_length_s}
-        raise UsageError(fault("segment.short", length_s=segment_s, **limits))
+        raise UsageError.of("segment.short", length_s=segment_s, **limits)
     count = max(1, round(float(ends[-1]) / segment_s))
     edges = np.searchsorted(ends, ends[-1] * np.arange(1, count) / count)
     edges = np.unique(np.concatenate([[0], edges, [len(ends)]]))

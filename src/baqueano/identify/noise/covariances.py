@@ -26,7 +26,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.contracts.optional import check_noise_fields, is_dynamic
 from baqueano.contracts.result import Result
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import Diagnostic, Severity, Verdict, fault, note
+from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.errors import UsageError
 from baqueano.estimators import AugmentedEkf
 from baqueano.estimators.augmented.state import layout
@@ -223,7 +223,7 @@ def measure_noise(
     """
     runs = [runs] if isinstance(runs, Run) else list(runs)
     if source not in ("auto", "truth", "innovations"):
-        raise UsageError(fault("noise.unknown-source", value=source))
+        raise UsageError.of("noise.unknown-source", value=source)
     check_noise_fields(fit.file.sensors)
     notes: list[Diagnostic] = []
     in_motion, at_rest = _measurement(fit, runs, notes)
@@ -248,7 +248,7 @@ def measure_noise(
     truths = [(r, r.truth) for r in runs if r.truth is not None and len(r.truth.t_ns)]
     runs_with_truth = [r for r, truth in truths if np.isfinite(truth.nu_dot).all()]
     if source == "truth" and not runs_with_truth:
-        raise UsageError(fault("noise.no-truth"))
+        raise UsageError.of("noise.no-truth")
     if runs_with_truth and source != "innovations":
         errors, size = process_errors(fit, runs_with_truth, backend)
         R, source = np.cov(errors.T), "truth"

@@ -20,7 +20,7 @@ import numpy as np
 from baqueano.calibration.tolerances import entry_paths
 from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import Diagnostic, fault, nearest, note
+from baqueano.diagnostics import Diagnostic, nearest, note
 from baqueano.errors import UsageError
 from baqueano.estimators.readings.sensor_numbers import GENERAL_MOTION, PARAMETER_STEP
 from baqueano.identify.data.record import FittedBlocks
@@ -187,11 +187,11 @@ def free_parameter(
     owner, _, name = field.rpartition(".")
     fields = dict(parameters(value_at_path(blocks, owner))) if owner else {}
     if name not in fields:
-        raise UsageError(fault("parameter.none", path=field))
+        raise UsageError.of("parameter.none", path=field)
     p = fields[name]
     low, high = bounds.get(path, bounds.get(field, (p.low, p.high)))
     if not low < high:
-        raise UsageError(fault("parameter.bounds", path=path, low=low, high=high))
+        raise UsageError.of("parameter.bounds", path=path, low=low, high=high)
     index = tuple(int(i) for i in entry.rstrip("]").split(",")) if entry else ()
     unit = _unit(p.unit, index[0] if index else 0)
     return FreeParameter(path, unit, max(low, p.low), min(high, p.high), p, index)
@@ -213,7 +213,7 @@ def free_parameters(
         entries(blocks, path)
     free_paths = [p for p in dict.fromkeys(paths) if p not in fixed_paths]
     if not free_paths and paths:
-        raise UsageError(fault("parameter.all-fixed"))
+        raise UsageError.of("parameter.all-fixed")
     explicit = [path.removeprefix("+") for path in free or ()]
     mounts = [p for p in _mounts(blocks, channels) if p not in explicit]
     ranges = {p: (value(blocks, p) - MAX_TURN_RAD, value(blocks, p) + MAX_TURN_RAD) for p in mounts}
@@ -248,7 +248,7 @@ def enable_parameters(
     wheels if the track is 0."""
     paths, low, high = [parameter.path for parameter in free], {}, {}
     if any(path.startswith(WHEEL_FRICTIONS) for path in paths) and blocks.model.friction.track_m == 0.0:
-        raise UsageError(fault("parameter.no-track"))
+        raise UsageError.of("parameter.no-track")
     if BATTERY_EFFECT in paths:
         blocks = _with_drivetrain(blocks, battery="logged")
     delay_s = float(getattr(getattr(blocks.model, "drivetrain", None), "delay_s", 0.0))
@@ -372,8 +372,9 @@ def _value_at(blocks: FittedBlocks, path: str) -> np.ndarray:
         field, bracket, entry = path.partition("[")
         names = _fields(blocks)
         hint, kind = _similar_paths(field, bracket + entry, names), type(blocks.model).__name__
-        unknown = fault("parameter.unknown", path=path, kind=kind, suggestion=hint, example=names[0])
-        raise UsageError(unknown) from error
+        raise UsageError.of(
+            "parameter.unknown", path=path, kind=kind, suggestion=hint, example=names[0]
+        ) from error
     return values
 
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field
 from baqueano.contracts.values import Tree, Value
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.added_channels import VOLTAGE_KEY, with_voltage
 from baqueano.identify.data.averaging import ROW_MEAN, WEIGHT_COLUMNS, longest_interval_s
@@ -187,15 +186,15 @@ def fit_parameters(
     names = [*(parameter.path for parameter in requested_parameters), *options.per_run]
     for path in options.bounds:
         if not any(name == path or name.startswith(f"{path}[") for name in names):
-            raise UsageError(fault("parameter.bounds-unused", f"--free {path}", path=path))
+            raise UsageError.of("parameter.bounds-unused", f"--free {path}", path=path)
     options = with_pose_segments(options, blocks, names)
     for run in runs:
         if len(run.applied_commands) and not np.any(np.isfinite(run.applied_commands)):
-            raise UsageError(fault("runs.no-command", run=run.name))
+            raise UsageError.of("runs.no-command", run=run.name)
     u = np.nan_to_num(np.concatenate([run.applied_commands for run in runs]))
     fixed_numbers = fixed_columns(list(requested_parameters), u)
     if (requested_parameters and len(fixed_numbers) == len(requested_parameters)) or not np.any(u):
-        raise UsageError(fault("runs.all-still", baqueano_command("runs", "calibrate", runs[0].name)))
+        raise UsageError.of("runs.all-still", baqueano_command("runs", "calibrate", runs[0].name))
     blocks, requested_parameters = enable_parameters(
         blocks, list(requested_parameters), rate_hz, u, past_row_counter(runs)
     )
@@ -215,9 +214,9 @@ def with_pose_segments(options: FitOptions, blocks: FittedBlocks, free: Sequence
     names = blocks.sensors._fields
     for name in options.clocks:
         if name not in names:
-            raise UsageError(fault("clock.unreliable", sensor=name, valid=names))
+            raise UsageError.of("clock.unreliable", sensor=name, valid=names)
     if DELAY_PATH in free and {*names} == {*options.clocks}:
-        raise UsageError(fault("clock.all-free", f"--fix {DELAY_PATH}", path=DELAY_PATH, clocks=names))
+        raise UsageError.of("clock.all-free", f"--fix {DELAY_PATH}", path=DELAY_PATH, clocks=names)
     has_pose = any(measures_pose(sensor) for sensor in blocks.sensors)
     return replace(options, segment_s=POSE_SEGMENT_S) if has_pose and options.segment_s is None else options
 
@@ -331,7 +330,7 @@ def start_theta(
             known_values[p] = float(x)
     missing_paths = [p for p in known_values if p not in shape.shared_paths and p not in shape.per_run]
     if missing_paths:
-        raise UsageError(fault("start.not-free", path=missing_paths[0]))
+        raise UsageError.of("start.not-free", path=missing_paths[0])
     theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
     for k, parameter in enumerate(free):
         theta[k] = known_values.get(parameter.path, value(blocks, parameter.path))
@@ -369,9 +368,9 @@ def parse_sigma(sigma: Mapping[str, Any], sensors: "ByName[Tree]") -> np.ndarray
     by_sensor = []
     for name, sensor in zip(sensors._fields, sensors, strict=True):
         if name not in sigma or np.shape(np.atleast_1d(sigma[name])) not in ((1,), (sensor.size,)):
-            raise UsageError(fault("sigma.size", size=sensor.size, sensor=name))
+            raise UsageError.of("sigma.size", size=sensor.size, sensor=name)
         by_sensor.append(np.broadcast_to(np.asarray(sigma[name], dtype=float), sensor.size))
     sigmas = np.concatenate(by_sensor)
     if not np.all(np.isfinite(sigmas) & (sigmas > 0.0)):
-        raise UsageError(fault("sigma.negative", value=sigmas.tolist()))
+        raise UsageError.of("sigma.negative", value=sigmas.tolist())
     return sigmas

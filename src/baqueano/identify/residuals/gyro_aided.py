@@ -18,7 +18,6 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.values import Tree
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FitRecord, FittedBlocks
 from baqueano.identify.parameters.free import DELAY_PATH, has_offset
@@ -114,7 +113,7 @@ def _gyro_rows(rows: np.ndarray, record: FitRecord, imu: str, blocks: FittedBloc
     z, mask, sample_fraction = record.sensors[imu][:3]
     is_measured = mask[:, 2] > 0.0
     if np.sum(is_measured) < 2:
-        raise UsageError(fault("imu-only.silent-gyro", run=record.name))
+        raise UsageError.of("imu-only.silent-gyro", run=record.name)
     block = blocks.sensors[0]
     delay_s = float(block.delay_s) + float(low_pass_s(block))
     t_s = (
@@ -197,7 +196,7 @@ def gyro_aided_paths(blocks: FittedBlocks, free: Sequence[str] | None, vehicle: 
     Raise UsageError if the velocity is not a state."""
     model = blocks.model
     if optional.attribute(model, "turning_arm_m") is None:
-        raise UsageError(fault("imu-only.no-dynamics", vehicle=vehicle, kind=type(model).__name__))
+        raise UsageError.of("imu-only.no-dynamics", vehicle=vehicle, kind=type(model).__name__)
     lever, names = f"sensors.{blocks.sensors._fields[0]}.{LEVER_ARM}", ["+"] if free is None else list(free)
     if not all(path.startswith("+") for path in names):
         return [*names, lever]

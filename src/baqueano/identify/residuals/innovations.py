@@ -18,7 +18,6 @@ import numpy as np
 
 from baqueano.contracts.optional import has_field, is_dynamic
 from baqueano.contracts.values import Tree, Value
-from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.estimators.covariance import block_diagonal
 from baqueano.estimators.kalman import Gaussian, boxplus, correct, predict
@@ -66,7 +65,7 @@ class PredictedState(NamedTuple):
 def noise_axes(model: Tree) -> tuple[int, ...]:
     """Return the entries of `process_noise_std` that change ν. Raise UsageError for a vehicle without such entries."""
     if not is_dynamic(model) or not has_field(model, "process_noise_std"):
-        raise UsageError(fault("cost.no-velocity", "--cost simulation", kind=type(model).__name__))
+        raise UsageError.of("cost.no-velocity", "--cost simulation", kind=type(model).__name__)
     kick = _noise_input_matrix(model, 1.0)
     return tuple(i for i in range(3) if np.any(kick[:, i] != 0.0))
 
