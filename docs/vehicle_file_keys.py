@@ -12,8 +12,7 @@ import numpy as np
 
 from baqueano.blocks import BLOCK_TARGETS, resolve
 from baqueano.messages import text
-from baqueano.messages.language import N_, shown_unit
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import N_, shown_unit, translate as _
 from baqueano.parameter import INF
 from baqueano.vehicle_file.build import ROUTE_FIELDS
 from baqueano.vehicle_file.head import Channels, Geometry, Hardware, Simulation, TopLevelKeys

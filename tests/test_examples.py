@@ -121,8 +121,7 @@ def none(request, monkeypatch):
 def an_imu_on_the_bus(request, monkeypatch):
     """Let an emulated MPU-6050 answer at /dev/i2c-1."""
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
-    from baqueano.robot.imu import driver as imu
-    from baqueano.robot.imu import mpu6050
+    from baqueano.robot.imu import driver as imu, mpu6050
     from tests.emulated.i2c_ioctl import connect
     from tests.emulated.mpu import EmulatedBus, MpuEmulator
 

@@ -2,8 +2,7 @@
 
 import unicodedata
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from baqueano.drive.by_hand import screen
 from baqueano.messages.printable import join_rows, one_line, printable, printable_json

@@ -11,8 +11,7 @@ import click
 import pytest
 
 from baqueano.cli import baqueano, main
-from baqueano.cli.subcommands import SUBCOMMANDS as ALL
-from baqueano.cli.subcommands import load_command, translate_command
+from baqueano.cli.subcommands import SUBCOMMANDS as ALL, load_command, translate_command
 from baqueano.messages import english_text, language
 from baqueano.runs import read_run
 

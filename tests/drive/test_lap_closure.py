@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano import vehicle_file
-from baqueano.drive import closure as module
-from baqueano.drive import teach
+from baqueano.drive import closure as module, teach
 from baqueano.drive.closure import lap_closure
 from baqueano.drive.session import MARK_SOURCE
 from baqueano.errors import AnswerNo, Invalid

@@ -14,8 +14,7 @@ from baqueano import vehicle_file
 from baqueano.errors import RobotUnreachable
 from baqueano.robot.imu import driver as imu
 from baqueano.robot.imu.settings import ImuSettings
-from baqueano.robot.uno.frames import Settings as Kept
-from baqueano.robot.uno.frames import WheelCurve
+from baqueano.robot.uno.frames import Settings as Kept, WheelCurve
 from baqueano.robot.uno.serial_port import open_uno
 from baqueano.robot.workshop import doctor
 from baqueano.robot.workshop.exclusive_hardware import open_hardware

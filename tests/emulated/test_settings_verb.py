@@ -10,8 +10,7 @@ import pytest
 
 from baqueano import vehicle_file
 from baqueano.cli import main
-from baqueano.cli.robot.settings import NAMES as OPTIONS
-from baqueano.cli.robot.settings import WHEEL_SETTINGS as OF_WAYS
+from baqueano.cli.robot.settings import NAMES as OPTIONS, WHEEL_SETTINGS as OF_WAYS
 from baqueano.door import remote
 from baqueano.robot.uno import settings as uno_settings
 from baqueano.robot.uno.frames import DriveFlag, Driver, EncoderKind, Settings, WheelCurve, Wiring

@@ -12,8 +12,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from baqueano.door.wire import decode
 from baqueano.drive.mission import Mission

@@ -7,8 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.identify import FitOptions, identify
-from baqueano.identify import fit as module
+from baqueano.identify import FitOptions, fit as module, identify
 from baqueano.identify.covariance.clusters import BLOCK_S, MIN_REMAINDER, jackknife, with_larger_errors
 from baqueano.identify.covariance.information import Information, information, parameter_cov
 from baqueano.identify.result.assemble import assemble_fit

@@ -6,8 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.identify import excitation, identify
-from baqueano.identify import fit as module
+from baqueano.identify import excitation, fit as module, identify
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics import file_consistency
 from baqueano.identify.diagnostics.file_consistency import gain_findings

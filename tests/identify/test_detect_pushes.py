@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from baqueano.identify import FitOptions, identify, random_steps
-from baqueano.identify import fit as module
+from baqueano.identify import FitOptions, fit as module, identify, random_steps
 from baqueano.identify.diagnostics.residual_checks import fit_residuals
 from baqueano.identify.diagnostics.unmodelled_terms import fitted_motion, term_columns
 from baqueano.identify.parameters.free import substitute

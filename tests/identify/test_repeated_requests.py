@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baqueano.identify import FitOptions, identify
-from baqueano.identify import fit as module
+from baqueano.identify import FitOptions, fit as module, identify
 from baqueano.identify.diagnostics.residual_checks import fit_residuals
 
 

@@ -9,8 +9,7 @@ import pytest
 from baqueano.diagnostics import note
 from baqueano.drive import repeat
 from baqueano.guides.shapes import circle
-from baqueano.messages import text as sentence_of
-from baqueano.messages import unbroken
+from baqueano.messages import text as sentence_of, unbroken
 from baqueano.report import figures
 from baqueano.report.canvas import with_narrow_legends
 from baqueano.report.page import NARROW_IN, Page, Section, Table, draw

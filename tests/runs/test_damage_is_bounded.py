@@ -8,14 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from mcap.writer import CompressionType, Writer
 
 from baqueano.errors import FileError
 from baqueano.runs import Channel, Run, read_run, recover, write_run
-from baqueano.runs.container import memory_limit, messages
-from baqueano.runs.container import records as mcap_records
+from baqueano.runs.container import memory_limit, messages, records as mcap_records
 from baqueano.runs.container.records import CHUNK, MAGIC, METADATA
 from tests.codes import refused
 from tests.memory import memory_trace

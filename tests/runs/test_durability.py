@@ -18,8 +18,7 @@ from mcap.writer import CompressionType, Writer
 from baqueano.errors import FileError
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs import RunWriter, read_run, recover, write_run
-from baqueano.runs.container import records as mcap_records
-from baqueano.runs.container import writer
+from baqueano.runs.container import records as mcap_records, writer
 from baqueano.runs.container.run_file import RunFile
 from baqueano.signals import Estimate, Slot, Tick, sensor_slots
 from tests.codes import refused

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from baqueano.sensors import Beacon, Compass, Imu, Odometer, Pose, Rangefinder, Wheels
 from baqueano.signals import Motion, seconds

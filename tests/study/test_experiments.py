@@ -17,14 +17,13 @@ from baqueano.study.first_drives import (
     DEAD_ZONE,
     MAX_GAIN_RATIO,
     MIN_GAIN_RATIO,
+    FirstDriveRow as FirstDrive,
     FirstDrives,
     draw_unknown_robot,
     gain_ratios,
 )
-from baqueano.study.first_drives import FirstDriveRow as FirstDrive
 from baqueano.study.identification.bound import free_values
-from baqueano.study.truth import TruthWorld, draw_cars
-from baqueano.study.truth import draw_robots as robots_drawn
+from baqueano.study.truth import TruthWorld, draw_cars, draw_robots as robots_drawn
 from baqueano.vehicle_file import load
 
 

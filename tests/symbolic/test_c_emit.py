@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from baqueano.symbolic.c_code import compile
 from baqueano.symbolic.c_code.c import make_kernel

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 
 from baqueano.symbolic.c_code import c, compile
 from baqueano.symbolic.c_code.c import make_kernel

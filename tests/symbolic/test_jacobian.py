@@ -7,8 +7,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from baqueano.symbolic import function, jacobian, scan
 from baqueano.symbolic.derivatives.dual import Dual, chain_rule

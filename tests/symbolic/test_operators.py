@@ -7,8 +7,7 @@ import warnings
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from baqueano.geometry import wrap
 from baqueano.symbolic import ieee

@@ -15,8 +15,7 @@ from baqueano.messages import verdict_line
 from baqueano.project.my_controller import MyController
 from baqueano.routes import examine
 from baqueano.simulate import simulate_loop
-from baqueano.tune import TuneResult, tune
-from baqueano.tune import gains as gains_module
+from baqueano.tune import TuneResult, gains as gains_module, tune
 from baqueano.tune.margins import LoopMargins
 from baqueano.tune.objective import Objective, tuning_objective
 from baqueano.tune.search import Descent

@@ -27,8 +27,7 @@ from baqueano.validation.forecast import MAX_HEADING_STD_RAD, DriveForecast, _la
 from baqueano.vehicle_file import Provenance, load, parse
 from tests.codes import of_code
 from tests.identify.test_speed_error import no_fixed_parameters
-from tests.identify.test_strangers_wheels import FILE, TRACK_M
-from tests.identify.test_strangers_wheels import drive as drive_with_counts
+from tests.identify.test_strangers_wheels import FILE, TRACK_M, drive as drive_with_counts
 from tests.identify.test_voltage import EFFECT, emptied
 
 WITH_DEAD_ZONES = FILE.replace(

@@ -11,10 +11,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from baqueano.messages.language import LANGUAGE_VARIABLE
-from baqueano.web import SUBPROTOCOL
-from baqueano.web import guard as guarding
-from baqueano.web import run as running
-from baqueano.web import server as serving
+from baqueano.web import SUBPROTOCOL, guard as guarding, run as running, server as serving
 from baqueano.web.guard import MAX_FAILURES, TOKEN_LIFETIME_S, Guard, Role
 from baqueano.web.http import REPORT_POLICY, RefusedRequest, parse_head, static_files
 from baqueano.web.run import PageOptions, show_runs

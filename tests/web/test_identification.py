@@ -23,8 +23,7 @@ from baqueano.runs import write_run
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 from baqueano.vehicles import AccelerationModel
-from baqueano.web.lab import identification as module
-from baqueano.web.lab import live_identification
+from baqueano.web.lab import identification as module, live_identification
 from baqueano.web.lab.drives import DriveIdentifications
 from baqueano.web.lab.identification import DriveIdentification, parameter_label
 from baqueano.web.lab.live_identification import LiveIdentification

@@ -1,8 +1,7 @@
 """One driver at a time; its heartbeats count only if its picture is recent."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from baqueano.errors import SafetyStop
 from baqueano.web.lease import LEASE_S, Lease

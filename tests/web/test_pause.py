@@ -6,8 +6,7 @@ from baqueano.diagnostics import note
 from tests.web.chromium import CHROMIUM
 from tests.web.fake_vehicle import live_page, until
 from tests.web.page_client import browser
-from tests.web.screens import PAGE, open_page
-from tests.web.screens import until as wait_until
+from tests.web.screens import PAGE, open_page, until as wait_until
 from tests.web.scripted import ScriptedServer
 
 

@@ -27,8 +27,7 @@ from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.errors import UsageError
 from baqueano.messages import texts
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.numerics.statistics import MAD, QUANTILE_95, chi_square
 from baqueano.runs.run import Channel, Run

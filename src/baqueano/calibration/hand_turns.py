@@ -23,8 +23,7 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import fault
 from baqueano.errors import UsageError
 from baqueano.geometry import TAU
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.numerics.statistics import QUANTILE_95, chi_square, student_quantile
 from baqueano.runs.interpolation import TimeSeries

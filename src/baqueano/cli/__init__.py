@@ -11,8 +11,7 @@ import click
 from baqueano import __version__
 from baqueano.cli.subcommands import BACKENDS, LazySubcommandGroup, translate_command
 from baqueano.messages import language
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, translate as _
 from baqueano.messages.notation import COMMAND_LINE, use_notation
 
 

@@ -11,8 +11,7 @@ from baqueano.cli.terminal import print_answer, print_message
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.errors import AnswerNo
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, translate as _
 from baqueano.messages.text_table import text_table
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ import click
 
 from baqueano.diagnostics import nearest
 from baqueano.messages import language
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, translate as _
 
 SUBCOMMANDS = {
     "demo": "Run the whole loop on the simulated small vehicle: identify, tune, teach, repeat, report.",

@@ -20,8 +20,7 @@ from baqueano.contracts.result import PrintedTable, Result, shorten, wrap_senten
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import text, verdict_line
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
+from baqueano.messages.language import mark as N_, number
 from baqueano.messages.text_table import LINE_LETTERS
 from baqueano.monitor import Rejections
 

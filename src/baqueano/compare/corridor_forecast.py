@@ -15,8 +15,7 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.errors import AnswerNo
 from baqueano.guides.route import Route
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, translate as _
 from baqueano.runs.run import Run
 from baqueano.simulate import simulate_loop
 from baqueano.standstill import usual_rest_s

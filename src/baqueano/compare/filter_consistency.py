@@ -17,8 +17,7 @@ from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.geometry import wrap
 from baqueano.messages import text
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, translate as _
 from baqueano.monitor.rejections import rejections_in
 from baqueano.runs.interpolation import interpolate_poses, interpolate_rows
 from baqueano.runs.run import Run

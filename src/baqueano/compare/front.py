@@ -15,8 +15,7 @@ from baqueano.compare.divergence import cut_at_divergence, divergence_s, estimat
 from baqueano.compare.filter_consistency import filter_consistency
 from baqueano.compare.laps import run_laps
 from baqueano.contracts.calls import checked_call, flatten_arguments
-from baqueano.contracts.result import Result
-from baqueano.contracts.result import Result as Fit
+from baqueano.contracts.result import Result, Result as Fit
 from baqueano.errors import Misuse, UsageError, error_cause
 from baqueano.monitor import rejections_in
 from baqueano.on_demand import registered_function

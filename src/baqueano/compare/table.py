@@ -11,9 +11,7 @@ import numpy as np
 from baqueano.compare.consistency import NOT_REPORTED
 from baqueano.compare.filter_consistency import JOINT_FIGURES, STATE_NAMES
 from baqueano.contracts.values import JsonObject
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.messages.text_table import LINE_LETTERS
 
 if TYPE_CHECKING:

@@ -15,8 +15,7 @@ from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict, nearest, note
 from baqueano.errors import NoAttribute, UsageError
 from baqueano.messages import text, unbroken
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import translate
+from baqueano.messages.language import mark as N_, translate
 from baqueano.messages.printable import join_rows
 from baqueano.on_demand import registered_function
 

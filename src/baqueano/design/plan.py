@@ -38,8 +38,7 @@ from baqueano.design.containment import (
 from baqueano.design.information import DriveInformation, mean_error
 from baqueano.design.vehicle_cloud import VehicleCloud, VehicleDistribution, possible_vehicles
 from baqueano.errors import UsageError
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.numerics.parallel import parallel_map
 from baqueano.routes.room import Room
 from baqueano.vehicle_file.file import VehicleFile

@@ -21,8 +21,7 @@ from uuid import uuid4
 
 from baqueano.atomic_file import write_then_appear
 from baqueano.contracts.values import JsonObject, TableRow
-from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note
-from baqueano.diagnostics import stop as because
+from baqueano.diagnostics import Diagnostic, Severity, StopReason, fault, note, stop as because
 from baqueano.door import SOCKET, VERSION
 from baqueano.door.ssh import host_args, ssh_line
 from baqueano.door.states import DoorState

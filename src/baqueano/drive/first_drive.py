@@ -30,8 +30,7 @@ from baqueano.estimators import Inertial
 from baqueano.guides import PulseGuide
 from baqueano.loop import Blocks
 from baqueano.messages import texts
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, translate as _
 from baqueano.parameter import all_parameters
 from baqueano.runs import Run
 from baqueano.signals import seconds

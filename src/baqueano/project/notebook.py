@@ -3,8 +3,7 @@
 import json
 from itertools import count
 
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, translate as _
 
 CELLS = (  # a text begins with #
     N_("""# {name}: from a drive to a controller of your own

@@ -17,9 +17,7 @@ from baqueano.guides.route import Route
 from baqueano.identify import Fit
 from baqueano.identify.result.fit_result import verdict_lines
 from baqueano.messages import list_item, text, texts
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import percent_text, shown_unit
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, percent_text, shown_unit, translate as _
 from baqueano.report.fit_report import parameter_row
 from baqueano.report.page import TONES, cell
 from baqueano.routes.examine import RouteReport

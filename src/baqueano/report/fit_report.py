@@ -8,9 +8,7 @@ from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict, most_severe_first
 from baqueano.identify.result.fit_result import Fit, round_to_error, row_remarks
 from baqueano.messages import list_item, texts, with_full_stop
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number, percent_text, shown_unit
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, percent_text, shown_unit, translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.report import figures
 from baqueano.report.page import Drawing, Headline, Page, Section, Table, draw

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, ParamSpec, TypeAlias, TypeVar
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.messages.language import current_language
-from baqueano.messages.language import mark as N_
+from baqueano.messages.language import current_language, mark as N_
 from baqueano.report.style import STYLE
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict, nearest, note
 from baqueano.errors import UsageError
 from baqueano.messages import text, unbroken
-from baqueano.messages.language import current_language, number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import current_language, number, translate as _
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -20,8 +20,7 @@ from baqueano.guides.route import Route
 from baqueano.identify import Fit
 from baqueano.identify.noise.covariances import Noise
 from baqueano.identify.result.fit_result import ChannelFit
-from baqueano.messages.language import number, shown_unit
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, shown_unit, translate as _
 from baqueano.report import figures
 from baqueano.report.figures import MEASUREMENT, MODEL, REFERENCE, TRUTH
 from baqueano.report.fit_report import draw_most_motion, label

@@ -9,8 +9,7 @@ from baqueano.compare import compare, evenness
 from baqueano.compare.comparison import ADVICE_CODES, DIVERGED, FAILED, NOT_DEFINITE
 from baqueano.compare.divergence import cut_at_divergence
 from baqueano.diagnostics import Verdict
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.monitor import REJECTIONS_SOURCE, Rejections
 from baqueano.report import figures

@@ -26,8 +26,7 @@ from baqueano.errors import UsageError
 from baqueano.geometry import wrap
 from baqueano.guides.route import Route, move_route, relative_poses
 from baqueano.messages import verdict_line
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.printable import baqueano_command, join_rows
 from baqueano.routes.capability import MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S, Capability
 from baqueano.routes.gaps import route_gaps

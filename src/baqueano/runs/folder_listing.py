@@ -8,8 +8,7 @@ from typing import NamedTuple
 from baqueano.contracts.values import TableRow
 from baqueano.errors import BaqueanoError, FileError
 from baqueano.messages import text
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.printable import join_rows
 from baqueano.messages.text_table import text_table
 from baqueano.runs.container.reader import read_run

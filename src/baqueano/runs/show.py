@@ -13,9 +13,7 @@ from baqueano.contracts.result import shorten
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Diagnostic
 from baqueano.messages import texts
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.messages.notation import current_notation
 from baqueano.messages.printable import join_rows
 from baqueano.messages.text_table import text_table

@@ -11,9 +11,7 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.options import FitOptions
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import text
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.selection.terms import Term
 from baqueano.sensors.sampling import is_imu

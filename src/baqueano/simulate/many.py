@@ -18,8 +18,7 @@ from baqueano.contracts.values import TableRow, Tree
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.errors import UsageError
 from baqueano.messages import verdict_line
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.parameter import parameters
 from baqueano.signals import seconds

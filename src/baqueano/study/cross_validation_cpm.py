@@ -25,9 +25,7 @@ from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.data.record import FitRecord, make_record
 from baqueano.identify.noise.covariances import Noise, measure_noise
 from baqueano.messages import verdict_line
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number, shown_unit
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, shown_unit, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run

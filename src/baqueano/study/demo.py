@@ -20,9 +20,7 @@ from baqueano.guides.shapes import sinuous_circle
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.identify.noise.covariances import Noise, measure_noise
 from baqueano.messages import verdict_line
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.report import Headline, Page, Section, Table
 from baqueano.report.animation.partial_fits import partial_fits

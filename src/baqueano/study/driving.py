@@ -30,9 +30,7 @@ from baqueano.guides.route import Route
 from baqueano.guides.shapes import eight, rectangle, sinuous_circle
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.messages import verdict_line
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.runs import Run
 from baqueano.signals import seconds

@@ -18,9 +18,7 @@ from baqueano.contracts.blocks import World
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.drive import first_drive
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.routes.room import vehicle_room
 from baqueano.signals import Command, Motion, Tick

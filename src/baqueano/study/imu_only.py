@@ -25,9 +25,7 @@ from baqueano.calibration.tolerances import with_tolerance
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, identify
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run

@@ -1,8 +1,6 @@
 """Write the page about the recordings: results of each fit, models on held-out runs, and paths."""
 
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.report import figures
 from baqueano.report.estimate_report import errors, paths
 from baqueano.report.page import Headline, Page, Section, Table, draw

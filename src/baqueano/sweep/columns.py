@@ -6,8 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from baqueano.contracts.values import TableRow
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.text_table import LINE_LETTERS
 from baqueano.sweep.figures import ALL_FIGURES
 

@@ -9,8 +9,7 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import note
 from baqueano.messages import text, texts
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.report.card import Card, make_card
 from baqueano.report.figures import MEASUREMENT, MODEL, REFERENCE, TRUTH
 from baqueano.report.libraries import panel, set_log_scale, with_style

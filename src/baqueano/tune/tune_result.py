@@ -11,8 +11,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.contracts.result import Result
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import verdict_line
-from baqueano.messages.language import number, shown_unit
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, shown_unit, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.tune.cost import Weights
 from baqueano.tune.margins import LoopMargins, loop_margins

@@ -34,8 +34,7 @@ from baqueano.identify.parameters.free import free_parameter, value
 from baqueano.identify.residuals.motion import motion_rows, open_loop
 from baqueano.identify.result.fit_result import ChannelFit, Fit
 from baqueano.messages import text, texts, with_full_stop
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.runs.diagnostics.timestamps import check_timestamps
 from baqueano.runs.run import Run

@@ -33,14 +33,17 @@ from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.theta import POSE_SEGMENT_S
 from baqueano.identify.result.fit_result import ChannelFit, Fit, is_requested
 from baqueano.messages import text, verdict_line
-from baqueano.messages.language import number, percent_text, ratio_text, shown_unit
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, percent_text, ratio_text, shown_unit, translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.messages.text_table import text_table
 from baqueano.numerics.statistics import prediction_limit, student_quantile
 from baqueano.runs.run import Run
-from baqueano.selection.cross_validation import BLOCK_S, SHORT_BLOCK_S, independent_motion_count
-from baqueano.selection.cross_validation import MIN_SIGNS as MIN_INDEPENDENT_MOTIONS
+from baqueano.selection.cross_validation import (
+    BLOCK_S,
+    MIN_SIGNS as MIN_INDEPENDENT_MOTIONS,
+    SHORT_BLOCK_S,
+    independent_motion_count,
+)
 from baqueano.sensors.sampling import measures_pose
 from baqueano.vehicle_file.units import channel_unit
 

@@ -22,8 +22,7 @@ from baqueano.estimators import Ekf
 from baqueano.identify.noise.covariances import Noise
 from baqueano.identify.noise.process_noise import ROBUST_SIGMA, fitted_filter, sensor_terms
 from baqueano.identify.result.fit_result import Fit
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.runs.filter_ticks import example_filter_tick, make_ticks

@@ -32,8 +32,7 @@ from baqueano.identify.options import FitOptions
 from baqueano.identify.parameters.free import substitute
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import text
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.messages.text_table import text_table
 from baqueano.numerics.statistics import QUANTILE_95

@@ -17,8 +17,7 @@ from baqueano.contracts.values import JsonObject
 from baqueano.errors import UsageError
 from baqueano.web import SUBPROTOCOL
 from baqueano.web.foxglove.bridge import SUBPROTOCOLS, FoxgloveServer
-from baqueano.web.guard import LOOPBACK as LOOPBACK_ADDRESSES
-from baqueano.web.guard import Guard
+from baqueano.web.guard import LOOPBACK as LOOPBACK_ADDRESSES, Guard
 from baqueano.web.http import (
     MAX_HEAD_BYTES,
     Content,

@@ -3,8 +3,7 @@
 import random
 from binascii import crc_hqx
 
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from baqueano.errors import UsageError
 from baqueano.robot.uno.codec import (

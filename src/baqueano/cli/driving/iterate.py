@@ -17,8 +17,7 @@ from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict, note
 from baqueano.errors import AnswerNo
 from baqueano.messages import texts, verdict_line
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 
 if TYPE_CHECKING:
     from baqueano.cli.driving.targets import Target

@@ -17,8 +17,7 @@ from baqueano.cli.driving.targets import LOCAL_TARGETS, open_target
 from baqueano.cli.page.live import live_page
 from baqueano.cli.terminal import print_message
 from baqueano.contracts.values import JsonObject
-from baqueano.diagnostics import Diagnostic, StopReason, note
-from baqueano.diagnostics import stop as because
+from baqueano.diagnostics import Diagnostic, StopReason, note, stop as because
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.printable import baqueano_command
 

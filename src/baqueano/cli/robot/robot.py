@@ -11,8 +11,7 @@ from baqueano.cli.robot import settings, setup, workshop
 from baqueano.cli.subcommands import SUBCOMMANDS, SubcommandGroup
 from baqueano.cli.terminal import print_answer, print_message, print_result
 from baqueano.contracts.values import JsonObject, TableRow
-from baqueano.diagnostics import Diagnostic, StopReason, note
-from baqueano.diagnostics import stop as because
+from baqueano.diagnostics import Diagnostic, StopReason, note, stop as because
 from baqueano.door import SOCKET
 from baqueano.errors import FileError
 from baqueano.messages import text

@@ -84,8 +84,7 @@ def card(
               help="Folder of the robot's packages; default: the cache.")  # fmt: skip
 def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, folder: Path | None) -> None:
     from baqueano.door.ssh import ssh_line
-    from baqueano.robot.setup.install import host_machine, make_bundle
-    from baqueano.robot.setup.install import setup as install
+    from baqueano.robot.setup.install import host_machine, make_bundle, setup as install
     from baqueano.symbolic.c_code.compile import user_cache
 
     vehicle_file = options.load_vehicle(vehicle, settings)
@@ -114,7 +113,6 @@ def setup(host: str, vehicle: str | None, settings: tuple[str, ...], dry: bool, 
 @click.command(help="Remove everything that setup installed at HOST, except the runs.")
 @host
 def remove(host: str) -> None:
-    from baqueano.robot.setup.install import host_machine
-    from baqueano.robot.setup.install import remove as undo
+    from baqueano.robot.setup.install import host_machine, remove as undo
 
     undo(host, host_machine(host))

@@ -57,8 +57,7 @@ def doctor(
 def flash(
     host: str, vehicle: str | None, settings: tuple[str, ...], hex_file: Path | None, as_json: bool
 ) -> None:
-    from baqueano.robot.uno.flash import FlashResult
-    from baqueano.robot.uno.flash import flash as write
+    from baqueano.robot.uno.flash import FlashResult, flash as write
     from baqueano.robot.workshop.exclusive_hardware import fetch_result, stopped_service
 
     if host == "here":
@@ -90,8 +89,7 @@ def calibrate() -> None:
 @options.update
 @options.as_json
 def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool, as_json: bool) -> None:
-    from baqueano.robot.workshop.calibrate_imu import ImuCalibration, ImuReader
-    from baqueano.robot.workshop.calibrate_imu import calibrate as find
+    from baqueano.robot.workshop.calibrate_imu import ImuCalibration, ImuReader, calibrate as find
     from baqueano.robot.workshop.exclusive_hardware import fetch_result, open_hardware
 
     vehicle_file = options.load_vehicle(vehicle, settings)
@@ -120,8 +118,7 @@ def imu(host: str, vehicle: str | None, settings: tuple[str, ...], update: bool,
 @options.as_json
 def motors(host: str, vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
     from baqueano.robot.service.configuration import firmware_config
-    from baqueano.robot.workshop.calibrate_motors import MotorCalibration
-    from baqueano.robot.workshop.calibrate_motors import calibrate as find
+    from baqueano.robot.workshop.calibrate_motors import MotorCalibration, calibrate as find
     from baqueano.robot.workshop.exclusive_hardware import fetch_result, open_hardware
 
     motors: Any

@@ -23,8 +23,7 @@ import numpy as np
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.controllers.heading_hold import MAX_TURN_SHARE
 from baqueano.diagnostics import Diagnostic, StopReason, stop
-from baqueano.drive.by_hand import pad as pads
-from baqueano.drive.by_hand import screen
+from baqueano.drive.by_hand import pad as pads, screen
 from baqueano.drive.by_hand.dead_zone import dead_zone_violation
 from baqueano.drive.by_hand.key_hold import LATCHED, RELEASES, REPEATS, KeyHold
 from baqueano.drive.by_hand.keys import KITTY, PRESS, QUERY_ANSWER, KeyEvent
@@ -34,8 +33,7 @@ from baqueano.drive.health import degraded_note
 from baqueano.drive.observers import Observer
 from baqueano.loop import Record
 from baqueano.messages import text
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, translate as _
 from baqueano.vehicles.drivetrain import Drivetrain
 
 KITTY_QUERY = b"\x1b[?u"

@@ -35,8 +35,7 @@ from baqueano.identify.noise.held_out import Acceptance, SpeedChannels, speed_ch
 from baqueano.identify.noise.process_noise import MIN_RELATIVE_STD, process_covariance, process_errors
 from baqueano.identify.result.fit_result import Fit
 from baqueano.messages import texts
-from baqueano.messages.language import number, shown_unit
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, shown_unit, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.numerics.autocorrelation import WHITE_LIMIT
 from baqueano.numerics.statistics import row_cov

@@ -14,9 +14,7 @@ from baqueano.identify.covariance.information import FixedParameters
 from baqueano.identify.data.record import contains_readings
 from baqueano.identify.parameters.free import entries, free_parameter
 from baqueano.messages import group_sentences, text
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number, percent_text, shown_unit
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, percent_text, shown_unit, translate as _
 from baqueano.messages.text_table import text_table, with_remark
 from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.vehicle_file.units import channel_unit

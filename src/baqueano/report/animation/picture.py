@@ -10,8 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.report.animation.partial_fits import PartialFit
 from baqueano.report.animation.scene import Scene
 

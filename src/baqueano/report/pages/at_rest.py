@@ -7,8 +7,7 @@ import numpy as np
 
 from baqueano.calibration.at_rest import RestChannel, RestMeasurement
 from baqueano.messages import texts
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.report.libraries import panel, set_log_scale, with_style
 from baqueano.report.page import Headline, Page, Section, Table, draw

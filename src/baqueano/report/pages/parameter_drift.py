@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.messages import text
-from baqueano.messages.language import number, shown_unit
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, shown_unit, translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.report.libraries import panels, with_style

@@ -14,8 +14,7 @@ from baqueano.drive import FirstDrive, TeachResult
 from baqueano.errors import UsageError
 from baqueano.identify import Fit
 from baqueano.messages import texts
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.report.card import make_card
 from baqueano.report.fit_report import fit_page

@@ -7,8 +7,7 @@ import numpy as np
 from baqueano.geometry import map_from_body
 from baqueano.guides.route import Route
 from baqueano.messages import texts
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.report import figures
 from baqueano.report.figures import MODEL, REFERENCE
 from baqueano.report.libraries import panel, panels, with_style

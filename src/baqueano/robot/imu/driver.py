@@ -19,8 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.errors import RobotUnreachable
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.robot.imu.i2c import I2cDevice
 from baqueano.robot.imu.mpu6050 import Mpu6050, detect_chip, find_chip
 from baqueano.robot.imu.settings import SECOND, ImuSettings, OpenedImu

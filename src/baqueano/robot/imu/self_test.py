@@ -20,9 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.errors import AnswerNo
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.robot.imu.chips import GYRO_LSB_PER_DPS
 from baqueano.robot.imu.mpu6050 import SMPLRT_DIV, Mpu6050

@@ -9,8 +9,7 @@ import errno
 from typing import Any
 
 from baqueano.diagnostics import Severity, note
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, translate as _
 from baqueano.robot.imu.i2c import is_stuck_low
 from baqueano.robot.imu.settings import SECOND, Counts, ImuEvent, ImuSettings
 

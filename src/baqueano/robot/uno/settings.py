@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING
 
 from baqueano.contracts.values import TableRow
 from baqueano.errors import AnswerNo, UsageError
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.robot.uno.frames import (
     LAYOUT_FIELDS,
     Driver,

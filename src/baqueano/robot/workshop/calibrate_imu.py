@@ -22,8 +22,7 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.errors import AnswerNo
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, translate as _
 from baqueano.robot.workshop.floor_tests import STILL_M_S2, STILL_RAD_S
 from baqueano.signals import STANDARD_GRAVITY, Motion
 

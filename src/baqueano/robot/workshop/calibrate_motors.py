@@ -25,9 +25,7 @@ from baqueano.contracts.values import TableRow
 from baqueano.controllers.heading_hold import MAX_SPEED_SHARE, HeadingHold, pole_placement_gains
 from baqueano.controllers.manual import ManualController
 from baqueano.errors import AnswerNo, RobotUnreachable
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.robot.uno import settings as uno_settings
 from baqueano.robot.uno.frames import Settings, WheelCurve, Wiring

@@ -13,9 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from baqueano.errors import BaqueanoError
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.robot.imu.bus_recovery import check_bus_recovery
 from baqueano.robot.workshop.checks import Check, Report
 from baqueano.robot.workshop.uno_checks import check_uno

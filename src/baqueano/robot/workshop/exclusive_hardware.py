@@ -21,8 +21,7 @@ from baqueano.errors import (
     UsageError,
     exit_code_error,
 )
-from baqueano.messages.language import LANGUAGE_VARIABLE, current_language
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import LANGUAGE_VARIABLE, current_language, translate as _
 from baqueano.messages.printable import baqueano_command, printable_json
 from baqueano.robot import SERVICE, VEHICLE
 from baqueano.robot.uno.serial_port import open_uno

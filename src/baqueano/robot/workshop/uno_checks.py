@@ -10,8 +10,7 @@ from copy import copy
 from typing import TYPE_CHECKING
 
 from baqueano.errors import BaqueanoError
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, translate as _
 from baqueano.robot.workshop.checks import Check
 
 if TYPE_CHECKING:

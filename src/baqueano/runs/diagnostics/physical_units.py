@@ -22,8 +22,7 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.runs.diagnostics.physical_limits import KIND_LIMITS, MAX_YAW_RATE_RAD_S
 from baqueano.runs.diagnostics.signal_map import MIN_WINDOWS, MappedChannel, clip, signal_map
 from baqueano.runs.interpolation import window_means
-from baqueano.runs.run import Channel as Log
-from baqueano.runs.run import Run
+from baqueano.runs.run import Channel as Log, Run
 from baqueano.sensors.sampling import is_imu
 from baqueano.signals import NANOSECONDS, STANDARD_GRAVITY
 from baqueano.vehicle_file import VehicleFile

@@ -8,9 +8,7 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.messages import verdict_line
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.study.controllers.drives import ComparedController
 from baqueano.sweep.result import SweepResult

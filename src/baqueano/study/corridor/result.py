@@ -20,8 +20,7 @@ from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.estimators.covariance import CHI_SQUARE_95
 from baqueano.messages import verdict_line
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.text_table import text_table
 
 INSTANTS_S = (10.0, 20.0, 40.0, 60.0)

@@ -15,9 +15,7 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.study.estimation.errors import QUANTITIES, SPEED, merge
 from baqueano.study.estimation.subjects import BOTH

@@ -20,15 +20,13 @@ import numpy as np
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, translate as _
 from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import drive_group, vehicle_run
 from baqueano.study.estimation.errors import QUANTITIES
 from baqueano.study.estimation.evaluation import EstimateEvaluation, evaluate
 from baqueano.study.estimation.subjects import SENSOR_SETS, Subject
-from baqueano.study.faults.subject import VEHICLES, subject
-from baqueano.study.faults.subject import FaultSubject as Driven
+from baqueano.study.faults.subject import VEHICLES, FaultSubject as Driven, subject
 from baqueano.study.truth import Cars, Robots, merge
 from baqueano.sweep.workers import run_in_processes
 from baqueano.vehicle_file import parse

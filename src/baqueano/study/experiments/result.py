@@ -8,8 +8,7 @@ import numpy as np
 from baqueano.contracts.values import TableRow
 from baqueano.design.information import mean_error
 from baqueano.diagnostics import Verdict
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.text_table import text_table
 
 DESIGNED, BASELINE = "designed", "random_steps"

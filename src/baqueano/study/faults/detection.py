@@ -24,9 +24,7 @@ from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
 from baqueano.identify import FitOptions, identify
 from baqueano.identify.result.fit_result import Fit
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.runs.run import Run
 from baqueano.study.faults.damage import DAMAGES, outliers

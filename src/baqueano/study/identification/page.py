@@ -6,9 +6,7 @@ import numpy as np
 
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.messages.printable import baqueano_command
 from baqueano.report import Drawing, Headline, Page, Section, Table, draw
 from baqueano.report.figures import MEASUREMENT, MODEL, REFERENCE, TRUTH

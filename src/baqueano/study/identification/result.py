@@ -22,8 +22,7 @@ from baqueano.contracts.result import Result
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.messages import verdict_line
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.numerics.statistics import QUANTILE_95
 from baqueano.study.identification.trials import CASES, DRIVE_S, TrialJob, TrialOutcome, fit_job

@@ -18,8 +18,7 @@ from baqueano.compare.corridor import MAX_HEADING_STD_RAD
 from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.messages import verdict_line
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.text_table import text_table
 
 if TYPE_CHECKING:

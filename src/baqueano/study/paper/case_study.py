@@ -14,8 +14,7 @@ from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.identify import Fit, FitOptions, excitation, identify
 from baqueano.messages import texts
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.runs import Run
 from baqueano.simulate import simulate

@@ -15,9 +15,7 @@ from baqueano.contracts.values import TableRow
 from baqueano.drive import replay
 from baqueano.identify import Fit, FitOptions, identify
 from baqueano.identify.noise.covariances import measure_noise
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.messages.text_table import text_table
 from baqueano.runs import Run
 from baqueano.runs.interpolation import interpolate_rows

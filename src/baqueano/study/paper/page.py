@@ -3,9 +3,7 @@
 import numpy as np
 
 from baqueano.guides.shapes import sinuous_circle
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.report import Headline, Page, Section, Table, draw, figures
 from baqueano.report.fit_report import label
 from baqueano.simulate import simulate_loop

@@ -1,8 +1,7 @@
 """Create table rows that compare a result of a recording with its criterion."""
 
 from baqueano.contracts.values import JsonObject
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 
 
 def criterion_row(recording: str, quantity: str, value: object, criterion: str, ok: bool) -> JsonObject:

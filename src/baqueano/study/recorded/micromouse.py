@@ -14,8 +14,7 @@ import numpy as np
 
 from baqueano.contracts.values import TableRow
 from baqueano.identify import Fit, FitOptions, identify
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import number, translate as _
 from baqueano.runs import Run
 from baqueano.runs.importing import import_run
 from baqueano.study.recorded.criteria import criterion_row, minimum_row, within

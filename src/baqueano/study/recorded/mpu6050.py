@@ -12,9 +12,7 @@ import numpy as np
 
 from baqueano.calibration.at_rest import measure_at_rest
 from baqueano.contracts.values import JsonObject, TableRow
-from baqueano.messages.language import mark as N_
-from baqueano.messages.language import number
-from baqueano.messages.language import translate as _
+from baqueano.messages.language import mark as N_, number, translate as _
 from baqueano.runs.importing import import_run
 from baqueano.runs.maps.column_map import load_map
 from baqueano.signals import STANDARD_GRAVITY

@@ -10,8 +10,7 @@ from typing import NamedTuple
 from baqueano.contracts.values import Value
 from baqueano.symbolic.c_code.c_text import CText
 from baqueano.symbolic.derivatives.tangents import Tangents, parameter_blocks, tangents
-from baqueano.symbolic.graph.emit import EmitPlan, Term, arguments, plan_statements
-from baqueano.symbolic.graph.emit import operation_cost as cost_of
+from baqueano.symbolic.graph.emit import EmitPlan, Term, arguments, operation_cost as cost_of, plan_statements
 from baqueano.symbolic.graph.program import Program
 
 SIGNATURE = """\
