@@ -29,7 +29,7 @@ from benchmarks.harness import Bench, LeftOut, Row
 from benchmarks.processes import before_others, forget_most, quantile, resident_mb, spread
 
 FLOODING, MANY = 5, 12  # guests
-MOST_STOP_MS, MOST_TOLD_MS, MOST_WAKE_MS, MOST_MB = 50.0, 5.0, 1.0, 20.0
+MOST_STOP_MS, MAX_MESSAGE_MS, MOST_WAKE_MS, MOST_MB = 50.0, 5.0, 1.0, 20.0
 RUNS = 300  # in the folder: the answer to `runs` is long
 STARTS_S = 120.0
 EVERY = 2  # ticks between two messages of the loop with the time
@@ -111,8 +111,8 @@ def _stops(guest: "Teacher", door: Path, rounds: int, share: str) -> list[Bench 
         ),
     )  # fmt: skip
     tellings = (
-        Row("nobody else is there", 1e-3 * median(times_ms), 1.0, is_missed=late_ms > MOST_TOLD_MS,
-            note=f"p95 {quantile(times_ms, 0.95):.2f} ms, {late_ms:.2f} in pairs (at most {MOST_TOLD_MS:g})"),
+        Row("nobody else is there", 1e-3 * median(times_ms), 1.0, is_missed=late_ms > MAX_MESSAGE_MS,
+            note=f"p95 {quantile(times_ms, 0.95):.2f} ms, {late_ms:.2f} in pairs (at most {MAX_MESSAGE_MS:g})"),
         Row("a thread that only wakes up and writes", 1e-3 * median(control_ms), median(control_ms) / median(times_ms),
             note=f"p95 {quantile(control_ms, 0.95):.2f} ms of {len(control_ms)}"),
         Row(f"{FLOODING} guests flood", 1e-3 * median(flooded_ms), median(flooded_ms) / median(times_ms),

@@ -148,7 +148,7 @@ def main() -> None:
     print(
         f"{drives} drives of {seconds:g} s of the matched model; 1 is right, in brackets the share of ticks in band"
     )
-    all_found, assumed_noise, simulated_drives = [], None, None
+    results, assumed_noise, simulated_drives = [], None, None
     for case in cases():
         if (
             assumed_noise is None
@@ -160,7 +160,7 @@ def main() -> None:
                 simulated(case.assumed_noise, drives, seconds),
             )
         result = accuracy(case, simulated_drives)
-        all_found.append(result)
+        results.append(result)
         words = [
             f"{name} {np.mean(x):.2f} ({np.mean(np.abs(x - 1.0) < result.width[name]):.0%})"
             for name, x in result.ratios.items()
@@ -169,7 +169,7 @@ def main() -> None:
         words.append(f"speed {1e3 * speed_error:.2f} mm/s = {speed_error / min_error:.2f} × the bound")
         print(f"{result.name:74}  {', '.join(words)}", flush=True)
     if args.plot:
-        _drawing(all_found).savefig(args.plot)
+        _drawing(results).savefig(args.plot)
 
 
 def assumed_by(block: AugmentedEkf, imu: Imu) -> matched.AssumedNoise:
@@ -229,14 +229,14 @@ def _square(cov: np.ndarray, e: np.ndarray) -> np.ndarray:
     return np.sum(e * np.linalg.solve(cov, e[..., None])[..., 0], axis=-1)
 
 
-def _drawing(all_found: list[Accuracy]) -> Any:
+def _drawing(results: list[Accuracy]) -> Any:
     from baqueano.report.figures import draw_time_series
 
-    names = list(all_found[0].ratios)[:3]
+    names = list(results[0].ratios)[:3]
     figure = draw_time_series(
-        [(result.name, {name: (result.t_s, result.ratios[name]) for name in names}) for result in all_found]
+        [(result.name, {name: (result.t_s, result.ratios[name]) for name in names}) for result in results]
     )
-    for axis, result in zip(figure.axes, all_found, strict=True):
+    for axis, result in zip(figure.axes, results, strict=True):
         axis.set_ylim(0.0, max(2.0, 1.2 * max(float(np.max(result.ratios[name])) for name in names)))
         axis.set_title(axis.get_ylabel())
         axis.set_ylabel("mean / dimension")

@@ -62,7 +62,7 @@ LONG_RUNS = {  # whose kernels run long enough to be worth an optimisation
 }  # fmt: skip
 
 SHORT_RUNS = {  # but those of these files are compiled for more than two thirds of their time
-    "identify/test_clocks.py", "identify/test_hidden_parts.py", "identify/test_known_places.py",
+    "identify/test_clocks.py", "identify/test_hidden_parts.py", "identify/test_marks_at_places.py",
     "identify/test_parameters_on_demand.py", "identify/test_result.py", "identify/test_spread.py",
 }  # fmt: skip
 

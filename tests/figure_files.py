@@ -20,6 +20,6 @@ def width_mm(path: Path) -> float:
         ".pdf": (b"%PDF", rb"/MediaBox \[ 0 0 ([\d.]+) "),
     }[path.suffix]
     assert data.startswith(begin)
-    found_width = re.search(width, data)
-    assert found_width is not None
-    return float(found_width[1]) / POINTS * INCH_MM
+    width_match = re.search(width, data)
+    assert width_match is not None
+    return float(width_match[1]) / POINTS * INCH_MM

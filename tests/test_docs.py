@@ -131,7 +131,7 @@ def test_each_security_row_of_the_page_names_existing_tests(page, heading):
 
 
 def test_every_erratum_named_in_the_code_is_listed_in_the_errata():
-    known_errata = set(
+    errata_numbers = set(
         re.findall(r"^\| (\d+) \|", (ROOT / "docs/errata.md").read_text(encoding="utf-8"), re.MULTILINE)
     )
     texts = [path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py")]
@@ -139,7 +139,7 @@ def test_every_erratum_named_in_the_code_is_listed_in_the_errata():
         re.findall(r"\d+", number) for text in texts for number in re.findall(r"[Ee]rrat\w+ ([\d, ]+)", text)
     ]
     assert len(names) > 10
-    assert set().union(*names) <= known_errata
+    assert set().union(*names) <= errata_numbers
 
 
 def anchors(page):

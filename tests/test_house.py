@@ -15,7 +15,7 @@ from tests.promises import WHY_NOT, keepers, promises
 
 ROOT = Path(__file__).parents[1]
 SOURCE = ROOT / "src" / "baqueano"
-SEEN_AT_ONCE = ("door", "robot", "robot/uno", "robot/imu", "robot/service", "robot/workshop", "robot/setup")
+SMALL_FOLDERS = ("door", "robot", "robot/uno", "robot/imu", "robot/service", "robot/workshop", "robot/setup")
 BLOCK_ROOMS = ("vehicles", "sensors", "estimators", "guides", "controllers")
 FUNCTIONS = ast.FunctionDef, ast.AsyncFunctionDef
 MODULES, NAMES = 12, 20  # of a folder
@@ -172,7 +172,7 @@ def test_no_file_has_more_than_400_lines():
     assert not sizes, f"longer than 400 lines, so two ideas: {sizes}"
 
 
-@pytest.mark.parametrize("room", SEEN_AT_ONCE)
+@pytest.mark.parametrize("room", SMALL_FOLDERS)
 def test_each_package_exports_few_names_to_other_packages(room):
     """At most NAMES. Packages are added here one by one."""
     package = f"baqueano.{room.replace('/', '.')}"
@@ -285,7 +285,7 @@ def test_su2_each_package_of_a_lock_has_its_hash(lock):
 SIMULATED = {"demo.py", "paper"}
 HARMLESS = {
     "tick_times",
-    "KnownState",
+    "PerfectState",
     "truth_sensor",
     "initial_pose",
     "replay_blocks",

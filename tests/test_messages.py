@@ -238,7 +238,7 @@ def test_each_reason_to_stop_has_a_sentence():
     assert not {str(reason) for reason in StopReason} - set(templates())
 
 
-def said_in_the_code():
+def diagnostics_in_the_code():
     """Return code and figure names of each diagnostic that the source makes with literal names."""
     for path in SOURCE.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -259,7 +259,7 @@ def said_in_the_code():
 
 
 def test_each_diagnostic_contains_the_figures_that_its_template_needs():
-    diagnostics = list(said_in_the_code())
+    diagnostics = list(diagnostics_in_the_code())
     assert len(diagnostics) > 250
     for path, code, figures in diagnostics:
         figures_of = {name for _, name, _, _ in string.Formatter().parse(templates()[code]) if name}

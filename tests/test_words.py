@@ -219,12 +219,26 @@ NAMED = SOURCE, *(DOCS / name for name in AROUND)
 FUNCTIONS, VALUES = (ast.FunctionDef, ast.AsyncFunctionDef), (ast.Name, ast.arg)
 
 
-def test_no_name_in_the_code_is_a_verb_of_saying_or_an_adverb():
+def words_of(name: str) -> set[str]:
+    """Return the words of a name and the name itself; a predicate, a test, and "held_out" have none.
+
+    >>> sorted(words_of("FoundCompiler"))
+    ['compiler', 'found', 'foundcompiler']
+    >>> words_of("is_known"), words_of("held_out")
+    (set(), set())
+    """
+    name = name.lstrip("_")
+    if name.startswith(("is_", "test_")) or "heldout" in name.lower().replace("_", ""):
+        return set()
+    return {word.lower() for word in (name, *re.findall(r"[A-Z]?[a-z0-9]+|[A-Z]+", name))}
+
+
+def test_no_name_in_the_code_contains_a_verb_of_saying_or_is_an_adverb():
     names = {
         f"{file}: {name}"
         for folder in NAMED
         for file, kind, name in contents_of(folder).names
-        if name.lstrip("_") in VERBS
+        if VERBS.intersection(words_of(name))
         or (kind in VALUES and ADVERBS.fullmatch(name.lstrip("_")) and name not in USUAL)
         or (folder == SOURCE and kind in (*FUNCTIONS, ast.arg) and name in SPEECH)
     }

@@ -97,8 +97,8 @@ class StopReason(StrEnum):
     BATTERY = "vehicle.battery-low"
     IMU_ABSENT = "imu.absent"
     IMU_SILENT = "imu.silent"
-    IMU_BUS_HELD = "imu.bus-held"
-    IMU_BUS_STILL_HELD = "imu.bus-still-held"
+    IMU_BUS_BLOCKED = "imu.bus-held"
+    IMU_BUS_STILL_BLOCKED = "imu.bus-still-held"
     SERVICE_ENDED = "service.ended-by-process"
     MISSION_UNFINISHED = "service.mission-unfinished"
     MISSION_UNFINISHED_AT = "service.mission-unfinished-at"  # with the line of the block's file
@@ -244,8 +244,8 @@ def nearest(name: str, valid_names: Iterable[str], cutoff: float = 0.6) -> Diagn
         return note("name.none")
     names_of = {valid_name.casefold(): valid_name for valid_name in reversed(names)}
     close_names = [names_of[key] for key in difflib.get_close_matches(name.casefold(), names_of, 1, cutoff)]
-    known_names = _figure(names if len(names) <= MAX_LISTED_NAMES else [*names[:MAX_LISTED_NAMES], "…"])
+    name_list = _figure(names if len(names) <= MAX_LISTED_NAMES else [*names[:MAX_LISTED_NAMES], "…"])
     only = "-only" if len(names) == 1 else ""
     if close_names:
-        return note(f"name.near{only}", match=close_names[0], valid=known_names)
-    return note(f"name.unknown{only}", valid=known_names)
+        return note(f"name.near{only}", match=close_names[0], valid=name_list)
+    return note(f"name.unknown{only}", valid=name_list)

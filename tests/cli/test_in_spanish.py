@@ -112,7 +112,7 @@ def words_of(command: click.Command) -> list[str]:
     ]
 
 
-def said_by(line: str, capsys) -> str:
+def printed_by(line: str, capsys) -> str:
     """Return both output streams of a command."""
     capsys.readouterr()
     with pytest.raises(SystemExit):
@@ -142,13 +142,13 @@ def in_lab(lab: Path, tmp_path: Path, monkeypatch) -> None:
 
 @pytest.mark.parametrize("line", SUBCOMMANDS)
 def test_a_command_prints_no_english_with_a_translation(line, in_lab, in_strange_letters, capsys):
-    assert not english_in(said_by(line, capsys))
+    assert not english_in(printed_by(line, capsys))
 
 
 def test_help_is_translated_after_an_earlier_english_call(in_strange_letters, capsys):
     with pytest.raises(SystemExit):
         main(["tune", "--help"])
-    assert not english_in(said_by("tune --help", capsys))
+    assert not english_in(printed_by("tune --help", capsys))
 
 
 def helps():
@@ -195,7 +195,9 @@ def test_spanish_help_uses_the_third_person_and_one_default_wording():
 
 def test_the_names_of_values_are_spanish(capsys):
     help_text = (
-        said_by("report --help", capsys) + said_by("runs --help", capsys) + said_by("repeat --help", capsys)
+        printed_by("report --help", capsys)
+        + printed_by("runs --help", capsys)
+        + printed_by("repeat --help", capsys)
     )
     assert "-o, --out ARCHIVO" in help_text
     assert "COMANDO [ARGUMENTOS]..." in help_text
@@ -204,9 +206,9 @@ def test_the_names_of_values_are_spanish(capsys):
 
 def test_comments_of_map_drafts_and_new_projects_are_in_spanish(in_lab, capsys):
     Path("odd.csv").write_text("a,b\n1,2\n3,4\n5,6\n", encoding="utf-8")
-    said_by("runs import odd.csv --draft odd.toml", capsys)
-    said_by("new car --vehicle car", capsys)
-    said_by("new small --vehicle small", capsys)
+    printed_by("runs import odd.csv --draft odd.toml", capsys)
+    printed_by("new car --vehicle car", capsys)
+    printed_by("new small --vehicle small", capsys)
     assert "ninguna columna parece un comando" in Path("odd.toml").read_text(encoding="utf-8")
     for name in ("car", "small"):
         comments = re.findall(r"#.*", Path(name, "vehicle.toml").read_text(encoding="utf-8"))
@@ -215,7 +217,7 @@ def test_comments_of_map_drafts_and_new_projects_are_in_spanish(in_lab, capsys):
 
 
 def test_a_spanish_report_contains_no_english(in_lab, in_strange_letters, capsys):
-    said_by("report 2 -o page.html", capsys)
+    printed_by("report 2 -o page.html", capsys)
     page = Path("page.html").read_text(encoding="utf-8")
     body = re.sub(
         r"<style.*?</style>|<code>.*?</code>|<metadata>.*?</metadata>|<defs>.*?</defs>", "", page, flags=re.S
@@ -229,14 +231,14 @@ def test_a_spanish_report_contains_no_english(in_lab, in_strange_letters, capsys
     "line", ["compare 1", "runs ls", "route ls", "forecast lab --vehicle small --laps 1", "route check lab"]
 )
 def test_numbers_have_a_decimal_comma(line, in_lab, capsys):
-    figures_text = CODE.sub("", said_by(line, capsys))
+    figures_text = CODE.sub("", printed_by(line, capsys))
     assert not POINT.findall(figures_text)
     assert re.search(r"\d,\d", figures_text) or "forecast" in line
 
 
 def test_files_and_json_retain_decimal_points_and_english(in_lab, capsys):
-    reply = said_by("compare 1 --json", capsys)
-    said_by("simulate --vehicle small --seconds 0.3 -o tiny.mcap", capsys)
+    reply = printed_by("compare 1 --json", capsys)
+    printed_by("simulate --vehicle small --seconds 0.3 -o tiny.mcap", capsys)
     assert '"verdict": "' in reply
     assert re.search(r"\d\.\d", reply)
     assert not re.search(r": -?\d+,\d", reply)
@@ -253,7 +255,7 @@ def test_steps_on_the_vehicle_use_the_language_of_the_laptop(in_strange_letters)
 
 
 def test_import_warnings_are_stored_as_data_in_english(in_lab, capsys):
-    said_by("runs import w.toml log.csv -o imported.mcap", capsys)
+    printed_by("runs import w.toml log.csv -o imported.mcap", capsys)
     run = read_run("imported.mcap")
     warnings = [event for event in run.events if event.source == "import" and event.level == "warning"]
     assert warnings
@@ -265,7 +267,7 @@ def test_import_warnings_are_stored_as_data_in_english(in_lab, capsys):
 
 
 def test_files_of_a_new_project_have_spanish_comments(in_lab, capsys):
-    said_by("new proyecto", capsys)
+    printed_by("new proyecto", capsys)
     texts = {path.name: path.read_text(encoding="utf-8") for path in Path("proyecto").iterdir()}
     assert "Ejecute las celdas" in texts["first_evening.ipynb"]
     assert re.findall(r'names=\[\\"(\w+)', texts["first_evening.ipynb"]) == ["controlador", "estimador"]

@@ -38,9 +38,9 @@ def test_rt15_a_stop_gives_zero_command_within_50_ms_under_flooding(times):
 
 @pytest.mark.alone
 def test_a_message_arrives_within_5_ms(times):
-    assert min(quantile(delays, 0.95) for delays in times.messages) <= bench.MOST_TOLD_MS, times.messages
-    assert median(times.late_ms()) <= bench.MOST_TOLD_MS, (times.messages, times.control)
-    assert min(median(delays) for delays in times.messages_flooded) <= bench.MOST_TOLD_MS, (
+    assert min(quantile(delays, 0.95) for delays in times.messages) <= bench.MAX_MESSAGE_MS, times.messages
+    assert median(times.late_ms()) <= bench.MAX_MESSAGE_MS, (times.messages, times.control)
+    assert min(median(delays) for delays in times.messages_flooded) <= bench.MAX_MESSAGE_MS, (
         times.messages_flooded
     )
 

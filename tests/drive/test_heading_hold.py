@@ -25,7 +25,7 @@ TICK_NS = 10_000_000
 GAINS = pole_placement_gains(6.0, 0.1, 0.1)
 
 
-class Says:
+class FixedCommand:
     """A driver whose command the test sets."""
 
     u = (0.5, 0.0, 0.0)
@@ -41,7 +41,7 @@ class Drive:
     """Heading control that receives one estimate at each tick."""
 
     def __init__(self, **options):
-        self.hand, self.k = Says(), 0
+        self.hand, self.k = FixedCommand(), 0
         self.hold = HeadingHold(self.hand, GAINS, 1.0, **options)
         self.state = self.hold.init()
 
@@ -109,7 +109,7 @@ def test_the_yaw_gain_of_a_car_depends_on_its_speed():
 
 @pytest.mark.parametrize("name", ["no gyro", "no turn"])
 def test_heading_control_is_inactive_without_turning_or_gyro(name):
-    small, hand = vehicle_file.load("small"), Says()
+    small, hand = vehicle_file.load("small"), FixedCommand()
     if name == "no turn":
         assert with_heading_hold(hand, override(small, ("command.limit=[1.0,0.0,0.0]",))) is hand
     else:

@@ -15,26 +15,24 @@ from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
 
-def circling(first_s, nu_known=False, psi=3.0):
+def circling(first_s, has_nu=False, psi=3.0):
     """Return a run of 2 s with a camera that begins `first_s` after it: 1 m/s, 0.5 rad/s, across ±π."""
     t_ns = (np.arange(100) * 0.02 * NANOSECONDS).astype(np.int64) + NANOSECONDS
-    seen_ns = t_ns + int(first_s * NANOSECONDS)
-    t = (seen_ns - t_ns[0]) / NANOSECONDS
+    arrival_ns = t_ns + int(first_s * NANOSECONDS)
+    t = (arrival_ns - t_ns[0]) / NANOSECONDS
     heading = psi + 0.5 * t
     x, y = 2.0 * (np.sin(heading) - np.sin(psi)), 2.0 * (np.cos(psi) - np.cos(heading))
     eta = np.column_stack([x, y, np.angle(np.exp(1j * heading))])
-    nu = np.tile([1.0, 0.0, 0.5], (100, 1)) if nu_known else np.full((100, 3), np.nan)
+    nu = np.tile([1.0, 0.0, 0.5], (100, 1)) if has_nu else np.full((100, 3), np.nan)
     return Run(
-        "seen", None, t_ns, np.zeros((100, 2)), truth=TruthLog(seen_ns, eta, nu, np.full((100, 3), np.nan))
+        "seen", None, t_ns, np.zeros((100, 2)), truth=TruthLog(arrival_ns, eta, nu, np.full((100, 3), np.nan))
     )
 
 
-@pytest.mark.parametrize("nu_known", [True, False])
+@pytest.mark.parametrize("has_nu", [True, False])
 @pytest.mark.parametrize("first_s", [-0.13, 0.0])
-def test_a_recording_begins_at_the_pose_and_velocity_of_its_truth(first_s, nu_known):
-    assert initial_pose(circling(first_s, nu_known)) == pytest.approx(
-        [0.0, 0.0, 3.0, 1.0, 0.0, 0.5], abs=2e-3
-    )
+def test_a_recording_begins_at_the_pose_and_velocity_of_its_truth(first_s, has_nu):
+    assert initial_pose(circling(first_s, has_nu)) == pytest.approx([0.0, 0.0, 3.0, 1.0, 0.0, 0.5], abs=2e-3)
 
 
 def test_camera_velocity_is_wrapped_across_pi():
@@ -42,7 +40,7 @@ def test_camera_velocity_is_wrapped_across_pi():
 
 
 def test_a_recording_that_accelerates_from_rest_begins_at_rest():
-    run = circling(0.0, nu_known=True)
+    run = circling(0.0, has_nu=True)
     run.truth.nu[:, 0] = np.minimum(0.08 + np.arange(100) / 10.0, 1.0)  # the first row after the rest
     run.truth.nu[:, 2] = 0.0
     assert initial_pose(run)[3:].tolist() == [0.0, 0.0, 0.0]

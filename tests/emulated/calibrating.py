@@ -22,12 +22,12 @@ class Still:
     """An IMU at rest on a level floor, with 200 samples a second."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
-        self._told_ns = time.monotonic_ns()
+        self._sent_ns = time.monotonic_ns()
 
     def read(self) -> list[Sample]:
         """Return the samples since the last call."""
-        stamps = range(self._told_ns + STEP_NS, time.monotonic_ns(), STEP_NS)
-        self._told_ns = stamps[-1] if stamps else self._told_ns
+        stamps = range(self._sent_ns + STEP_NS, time.monotonic_ns(), STEP_NS)
+        self._sent_ns = stamps[-1] if stamps else self._sent_ns
         return [Sample(t_ns, np.array([0.0, 0.0, STANDARD_GRAVITY]), np.zeros(3), 20.0) for t_ns in stamps]
 
     def close(self) -> None:

@@ -140,7 +140,7 @@ class MpuEmulator:
         self.fifo: deque[int] = deque()
         self.last_byte = 0
         self.pointer = 0
-        self.count_held = 0
+        self.count_latch = 0
         self.divided = 0
         self.on_since = self.t_ns
         self.awake_since: int | None = None
@@ -194,10 +194,10 @@ class MpuEmulator:
             return self.last_byte
         self.pointer = (register + 1) & 0x7F
         if register == FIFO_COUNT:
-            self.count_held = len(self.fifo)
-            return self.count_held >> 8
+            self.count_latch = len(self.fifo)
+            return self.count_latch >> 8
         if register == FIFO_COUNT + 1:
-            return self.count_held & 0xFF
+            return self.count_latch & 0xFF
         value = self.regs[register]
         if register == INT_STATUS or self.regs[INT_PIN_CFG] & 0x10:
             self.regs[INT_STATUS] = 0

@@ -6,7 +6,7 @@ does not report pull and drive. The lines are stored in a file, named by PINCTRL
 25 times, so it imports only modules of the interpreter itself:
 
     bits      the bits that the chip sends at the next clocks; at a 0 it holds SDA. After the last it releases SDA
-    scl_held  a chip holds SCL
+    is_scl_low  a chip holds SCL
     fault     the fault at some calls of a verb: "root" (refuses), "crash", "hang", "deaf" (does nothing and exits
               with 0)
 
@@ -22,10 +22,10 @@ GPIO, NAMES = (2, 3), {"a0": {2: "SDA1", 3: "SCL1"}, "ip": "input", "op": "outpu
 FUNCTIONS, LEVELS, PULLS = ("ip", "op", "a0", "a1", "a2", "a3", "a4", "a5"), ("dl", "dh"), ("pu", "pd", "pn")
 
 
-def new(bits: list[int], scl_held: bool = False) -> dict:
+def new(bits: list[int], is_scl_low: bool = False) -> dict:
     """Return the lines as the driver of the kernel leaves them."""
     return {
-        "function": {"2": "a0", "3": "a0"}, "level": {"2": 0, "3": 0}, "bits": bits, "scl_held": scl_held,
+        "function": {"2": "a0", "3": "a0"}, "level": {"2": 0, "3": 0}, "bits": bits, "is_scl_low": is_scl_low,
         "fault": None, "clocks": 0, "calls": [], "driven_high": 0, "starts": 0, "stops": 0,
     }  # fmt: skip
 
@@ -33,7 +33,7 @@ def new(bits: list[int], scl_held: bool = False) -> dict:
 def levels(lines: dict) -> tuple[int, int]:
     """SDA and SCL: high if neither side pulls the line low."""
     low_sides = [lines["function"][pin] == "op" and not lines["level"][pin] for pin in ("2", "3")]
-    chip = [bool(lines["bits"]) and not lines["bits"][0], lines["scl_held"]]
+    chip = [bool(lines["bits"]) and not lines["bits"][0], lines["is_scl_low"]]
     return int(not (low_sides[0] or chip[0])), int(not (low_sides[1] or chip[1]))
 
 
@@ -143,10 +143,10 @@ class Lines:
         return set(self.read()["function"].values()) == {"a0"}
 
 
-def on_path(folder, patches, bits: list[int], scl_held: bool = False) -> Lines:
+def on_path(folder, patches, bits: list[int], is_scl_low: bool = False) -> Lines:
     """Return two lines, and put a `pinctrl` that works on them in front of the path."""
     lines = Lines(str(folder / "lines"))
-    lines.write(new(bits, scl_held))
+    lines.write(new(bits, is_scl_low))
     (folder / "bin").mkdir()
     program = folder / "bin" / "pinctrl"
     program.write_text(f'#!/bin/sh\nPINCTRL_LINES={lines.path} exec {sys.executable} -I -S {__file__} "$@"\n')

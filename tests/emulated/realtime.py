@@ -27,7 +27,7 @@ class OnPty:
     """One Uno, its line and the thread in which it runs. Access `uno` only under `lock`."""
 
     def __init__(self, build: Built, **options) -> None:
-        self.loss_s, self._heard_s, self._decoder = 0.0, 0.0, Decoder()
+        self.loss_s, self._arrival_s, self._decoder = 0.0, 0.0, Decoder()
         self.uno, self.lock = EmulatedUno(build, **options), threading.Lock()
         self.master, slave = pty.openpty()
         tty.setraw(slave)
@@ -55,7 +55,7 @@ class OnPty:
     def off_after_s(self) -> float:
         """Return the time from the last command sent to the Uno until its motors were off, in its own time."""
         with self.lock:
-            return self.uno.off_since() - self._heard_s
+            return self.uno.off_since() - self._arrival_s
 
     def close(self) -> None:
         self._done.set()
@@ -78,7 +78,7 @@ class OnPty:
                 with self.lock:
                     arrived_s = self.uno.write(data)
                 if any(isinstance(frame.frame, Drive) for frame in self._decoder.feed(data)):
-                    self._heard_s = arrived_s
+                    self._arrival_s = arrived_s
             with self.lock:
                 self.uno.run_until(time.monotonic() - self._begun)
                 out = self.uno.read()

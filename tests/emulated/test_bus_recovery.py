@@ -108,7 +108,7 @@ def test_a_bus_blocked_at_rest_is_freed_automatically(service, robot, lines):
 
 
 def test_an_unrecoverable_bus_is_reported_once_and_retried(service, robot, lines):
-    pins, log = lines([0] * 3, scl_held=True), []
+    pins, log = lines([0] * 3, is_scl_low=True), []
     service.log = log.append
     hold(robot, pins)
     looked_on(service, robot, 12.0)
@@ -116,9 +116,9 @@ def test_an_unrecoverable_bus_is_reported_once_and_retried(service, robot, lines
     assert log == [text(note("bus.scl-held"))]
     state = last_state(service)
     assert state["state"] == "DISARMED"
-    assert state["reason"].code == StopReason.IMU_BUS_STILL_HELD
+    assert state["reason"].code == StopReason.IMU_BUS_STILL_BLOCKED
     assert state["reason"].figures["cause"].code == "bus.scl-held"
-    pins.put(bits=[], scl_held=False)
+    pins.put(bits=[], is_scl_low=False)
     looked_on(service, robot, 1.5)
     assert service.machine.state is DoorState.READY
 
@@ -143,7 +143,7 @@ def test_a_second_bus_fault_gets_a_new_report(service, robot, lines):
     pins.put(bits=[0] * 3)
     looked_on(service, robot, 2.0)
     whys = {m["reason"] for m in service.messages[count:] if m["type"] == "state"} - {None}
-    assert whys == {stop(StopReason.IMU_BUS_HELD)}
+    assert whys == {stop(StopReason.IMU_BUS_BLOCKED)}
     assert last_state(service)["imu_bus"] == note("bus.freed", Severity.WARNING, clocks=3)
 
 
@@ -158,11 +158,11 @@ def test_a_bus_recovery_is_reported_until_the_next_drive(service, robot, lines):
 
 
 def test_a_bus_that_recovers_without_help_is_not_reported_as_blocked(service, robot, lines):
-    pins = lines([0] * 3, scl_held=True)
+    pins = lines([0] * 3, is_scl_low=True)
     hold(robot, pins)
     looked_on(service, robot, 2.0)
     assert last_state(service)["imu_bus"].code == "bus.scl-held"
-    pins.put(bits=[], scl_held=False)
+    pins.put(bits=[], is_scl_low=False)
     looked_on(service, robot, 1.5)
     assert service.machine.state is DoorState.READY
     assert last_state(service)["imu_bus"] is None

@@ -101,6 +101,6 @@ def test_a_lift_over_a_corner_does_not_give_the_forward_direction():
 def test_a_quarter_to_three_quarter_turn_separates_bias_from_floor_slope(turn):
     bias, slope = np.array([0.1, -0.2]), np.array([0.3, 0.05])
     c, s = np.cos(turn), np.sin(turn)
-    found_bias, found_slope = biases(bias + slope, bias + np.array([[c, s], [-s, c]]) @ slope, turn)
-    np.testing.assert_allclose(found_bias, bias, atol=1e-12)
-    np.testing.assert_allclose(found_slope, slope, atol=1e-12)
+    bias_estimate, slope_estimate = biases(bias + slope, bias + np.array([[c, s], [-s, c]]) @ slope, turn)
+    np.testing.assert_allclose(bias_estimate, bias, atol=1e-12)
+    np.testing.assert_allclose(slope_estimate, slope, atol=1e-12)

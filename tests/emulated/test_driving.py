@@ -26,7 +26,7 @@ class Driver:
         self.cockpit = Cockpit(
             np.array([1.0, 0.0, 1.0]), terminal, now=self.now, sleep=lambda s: self.wait(s), **options
         )
-        self.start_ns, self.said_ns, self.script = 0, 0, []
+        self.start_ns, self.sent_ns, self.script = 0, 0, []
 
     def now(self):
         self.terminal.t_s = self.robot.now_ns * 1e-9
@@ -44,8 +44,8 @@ class Driver:
         self.now()
         while self.script and self.script[0][0] <= (now_ns - self.start_ns) * 1e-9:
             self.script.pop(0)[1]()
-        if now_ns - self.said_ns >= HAND_NS:
-            self.said_ns = now_ns
+        if now_ns - self.sent_ns >= HAND_NS:
+            self.sent_ns = now_ns
             try:
                 self.service.operator.set_command(self, self.cockpit())
             except KeyboardInterrupt:

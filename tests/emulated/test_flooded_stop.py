@@ -42,11 +42,11 @@ def moving(service):
 
 def off_ms(remote, live):
     """Return how long the motors turn on after a STOP, in the time of the Uno."""
-    said_s = live.now_s()
+    sent_s = live.now_s()
     remote.send(type="stop", reason="it nears the stairs")
     assert wait(lambda: not live.moving(), PATIENCE_S)
     with live.lock:
-        return 1e3 * (live.uno.off_since() - said_s)
+        return 1e3 * (live.uno.off_since() - sent_s)
 
 
 def test_rt15_a_stop_turns_motors_off_within_50_ms_under_flooding(firmware, tmp_path):

@@ -33,7 +33,7 @@ class Consequence(NamedTuple):
     error: np.ndarray  # (N, 3) of ν
     is_refused: np.ndarray  # (N,) bool
     refused_at_s: float  # the first time
-    told_at_s: float  # reported by Health; NaN: never
+    reported_at_s: float  # reported by Health; NaN: never
 
 
 def turning(factor: float) -> Run:
@@ -98,13 +98,13 @@ def test_es7_a_sensor_broken_for_seconds_does_not_move_the_estimate(kernel, run,
     assert not np.any(s.is_refused[~mask])
     times = np.array([2.0, 2.0, 4.0 if fault == "shaken" else 2.0])
     assert np.all(np.max(np.abs(s.error), axis=0) < times * np.max(np.abs(reference.error), axis=0))
-    assert BROKEN_S[0] < s.told_at_s < s.refused_at_s + REPORT_S
+    assert BROKEN_S[0] < s.reported_at_s < s.refused_at_s + REPORT_S
 
 
 def test_es6_a_sound_sensor_is_never_rejected_or_reported(kernel, run):
     s = consequence(kernel, run)
     assert not np.any(s.is_refused)
-    assert np.isnan(s.told_at_s)
+    assert np.isnan(s.reported_at_s)
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
@@ -112,7 +112,7 @@ def test_a_wrong_turning_gain_is_reported_and_the_estimate_recovers_at_rest(kern
     s = consequence(kernel, turning(factor))
     moving, is_late = DRIVING & (t_s > REST_S + REPORT_S), t_s > END_S - 0.5 * STILL_S
     assert np.mean(s.is_refused[moving]) > 0.9
-    assert REST_S < s.told_at_s < s.refused_at_s + REPORT_S
+    assert REST_S < s.reported_at_s < s.refused_at_s + REPORT_S
     assert not np.any(s.is_refused[is_late])
     assert np.max(np.abs(s.error[is_late, 2])) < 0.03
 

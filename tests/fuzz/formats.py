@@ -276,7 +276,7 @@ WORDS = (
     {"type": "ping", "token": "x"},
     {"type": "mission", "mission": "{}", "attended": True, "id": "x", "door": 1},
 )  # fmt: skip
-SAID = (
+MESSAGES = (
     {"type": "state", "state": "READY", "t_ns": 1, "battery_v": 7.4, "reason": None, "code": 0},
     {"type": "done", "id": "x", "run": "0001-experiment.mcap", "reason": None},
     {"type": "file", "run": "a", "data": "AAAA", "left": 0},
@@ -301,7 +301,7 @@ def door(folder: Path) -> Iterator[Callable[[int], object]]:
         generator = draw("door", number)
         match generator.randrange(3):
             case 0:
-                message = decode(_line(encode(dict(generator.choice(SAID))), generator))
+                message = decode(_line(encode(dict(generator.choice(MESSAGES))), generator))
                 return message and encode(message)
             case 1:
                 mission = Mission.from_json(damaged_text(generator.choice(missions), generator, ","))

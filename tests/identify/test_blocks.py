@@ -25,7 +25,7 @@ def end(case, case_run):
     return fit, information(fit.task.problem, fit.search.solution.theta)
 
 
-def seen_by_a_camera(run: Run, seed: int) -> Run:
+def with_camera_poses(run: Run, seed: int) -> Run:
     """Return the run with every fourth pose, accurate to 2 mm and 5 mrad."""
     assert run.truth is not None
     rows = slice(3, None, 4)
@@ -126,7 +126,7 @@ def coverage(drives, segment_s, with_camera):
     """Return the share of the 95 % intervals that contain the truth."""
     z = []
     for drive in drives:
-        run = seen_by_a_camera(drive.run, drive.seed) if with_camera else drive.run
+        run = with_camera_poses(drive.run, drive.seed) if with_camera else drive.run
         use = ("imu", "truth") if with_camera else None
         options = FitOptions(segment_s=segment_s, diagnose=False)
         z += drive.normalised_errors(identify(run, drive.file, use=use, options=options)).tolist()

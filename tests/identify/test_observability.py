@@ -10,7 +10,7 @@ from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
 
 
-def unseen_names(fit):
+def unobservable_names(fit):
     return {row["name"].removeprefix("model.") for row in fit.rows() if row["identifiable"] == "no"}
 
 
@@ -18,8 +18,8 @@ def test_id1_straight_driving_leaves_turning_parameters_unobservable_with_a_reme
     u = random_steps([20.0, 0.0, 0.0], 30.0, 100.0, 0)
     fit = identify(simulate(case, u, 0), case)
     turning = {"friction.linear[2]", "friction.quadratic[2]"}
-    assert turning <= unseen_names(fit)
-    assert "friction.linear[0]" not in unseen_names(fit)
+    assert turning <= unobservable_names(fit)
+    assert "friction.linear[0]" not in unobservable_names(fit)
     assert np.max(np.abs(normalised_errors(fit, case))) < 4.5
     notes = {note.subject: note for note in fit.unobservable}
     note = notes["model.friction.linear[2]"]
@@ -56,7 +56,7 @@ def test_an_unobservable_mass_is_not_reported(case, case_run):
     free = [f"model.{name}" for name in (*names, "friction.quadratic[1]")]
     options = FitOptions(start={"model.mass_kg": 1.6}, diagnose=False)
     fit = identify(case_run(0, 20.0), case, free, options=options)
-    assert unseen_names(fit) == {"mass_kg"}
+    assert unobservable_names(fit) == {"mass_kg"}
     assert fit.start[0] == 1.6
     assert fit.value("model.actuator_matrix[0,0]") == pytest.approx(1.6 / 1.47, rel=5e-3)
     (collinear,) = fit.unobservable
@@ -92,7 +92,7 @@ def test_a_poorly_identified_parameter_remains_in_the_fit_with_a_warning(case):
     u = excitation("random_steps", [8.0, 0.0, 20.0], 12.0, 100.0, 1)
     fit = identify(simulate(case, u, 1), case)
     names = [name for name, w in zip(fit.names, fit.poorly_identified, strict=True) if w]
-    assert "model.friction.quadratic[1]" in {*names, *(f"model.{n}" for n in unseen_names(fit))}
+    assert "model.friction.quadratic[1]" in {*names, *(f"model.{n}" for n in unobservable_names(fit))}
     assert fit.verdict == "WARN"
 
 

@@ -13,7 +13,7 @@ from baqueano.vehicle_file import load
 
 DELAY, LAG, SERVO_LAG = (f"model.drivetrain.{name}" for name in ("delay_s", "lag_s", "servo_lag_s"))
 FREE = (*FREE_CAR, "+model.understeer")
-STARTS, HELD_S, SEED = 16, 0.7, 4
+STARTS, TEST_DRIVE_S, SEED = 16, 0.7, 4
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,10 @@ def log():
     car = draw_cars(1, SEED)
     car = car.with_parameters(imu=car.imu.with_parameters(noise=0.2 * car.imu.noise))
     file = car_file(car)
-    row_count, angles = round(HELD_S * file.rate_hz), np.random.default_rng(SEED).uniform(-0.6, 0.6, STARTS)
+    row_count, angles = (
+        round(TEST_DRIVE_S * file.rate_hz),
+        np.random.default_rng(SEED).uniform(-0.6, 0.6, STARTS),
+    )
     pieces = [
         [(0.0, angle)] * row_count + [(0.3 + 0.3 * (k % 2), angle)] * row_count
         for k, angle in enumerate(angles)

@@ -18,7 +18,7 @@ from baqueano.vehicle_file import load, parse
 
 SMALL = load("small")
 FREE = ["model.friction.linear[0]", "model.friction.linear[2]"]
-HELD_S = 80.0
+TEST_DRIVE_S = 80.0
 
 
 def drive_fit(file, seconds_, seed, **truth):
@@ -55,7 +55,7 @@ def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
     """The floor pushes the vehicle: no command explains this, but an accelerometer measures it."""
     pushes = {"model.process_noise_std": [0.2, 0.0, 0.2]}
     own_run, unseen_run = (
-        drive_fit(SMALL, seconds_, seed, **pushes) for seconds_, seed in ((30.0, 1), (HELD_S, 2))
+        drive_fit(SMALL, seconds_, seed, **pushes) for seconds_, seed in ((30.0, 1), (TEST_DRIVE_S, 2))
     )
     fit = identify(own_run, SMALL, FREE), own_run
     noise = measure_noise(*fit, held_out=[unseen_run])
@@ -70,7 +70,7 @@ def test_accelerometers_that_help_on_an_unseen_run_correct_the_speed(fit):
 def test_accelerometers_that_worsen_the_speed_are_not_used(fit):
     """The IMU was tilted by 3 degrees after the fit: a_x shows a slope that does not exist."""
     bias = SMALL.sensors.imu.accel_bias + np.array([0.5, 0.5])
-    unseen_run = drive_fit(SMALL, HELD_S, 2, **{"sensors.imu.accel_bias": bias.tolist()})
+    unseen_run = drive_fit(SMALL, TEST_DRIVE_S, 2, **{"sensors.imu.accel_bias": bias.tolist()})
     noise = measure_noise(*fit, held_out=[unseen_run])
     assert noise.speed is not None
     assert noise.speed.names == (), noise.speed.message

@@ -74,9 +74,9 @@ def drive(seed, seconds=60.0, tick_s=0.05, h=0.005):
     t_ns = np.arange(1, count // step + 1, dtype=np.int64) * round(1e9 * tick_s)
     index = np.arange(20, count - 20, 20) + 3  # 15 ms after a tick
     eta = poses[index] + rng.standard_normal((len(index), 3)) * [5e-3, 5e-3, 7e-3]
-    seen_ns = np.rint((index + 1) * h * 1e9 + LATE_S * 1e9).astype(np.int64)
+    arrival_ns = np.rint((index + 1) * h * 1e9 + LATE_S * 1e9).astype(np.int64)
     none = np.full_like(eta, np.nan)
-    return Run(f"stranger {seed}", None, t_ns, u, truth=TruthLog(seen_ns, eta, none, none))
+    return Run(f"stranger {seed}", None, t_ns, u, truth=TruthLog(arrival_ns, eta, none, none))
 
 
 @pytest.fixture(scope="module")

@@ -65,8 +65,8 @@ def test_a_faulty_sensor_is_named_and_never_the_model(kind, name, fault, looks):
         faulty_run = damaged_run(run, sensor, [number], fault, limit if np.isfinite(limit) else 30.0)
         findings, sensors = watch(kind, faulty_run)
         first_finding, *later_findings = [finding for finding in findings if finding.name == name]
-        told_s = 1e-9 * first_finding.t_ns - FROM_S
-        assert EVENT_S - 0.02 <= told_s <= REPORT_S
+        report_s = 1e-9 * first_finding.t_ns - FROM_S
+        assert EVENT_S - 0.02 <= report_s <= REPORT_S
         assert not first_finding.is_degraded
         assert {finding.faulty_part for finding in findings} <= {SENSOR, UNKNOWN}
         assert {finding.name for finding in findings} == {name}
@@ -89,8 +89,8 @@ def test_a_lost_sensor_is_named_once_as_faulty(kind, sensor):
     )
     findings, _ = watch(kind, replace(run, sensors=run.sensors | {sensor: gap}))
     assert [(f.name, f.symptom, f.faulty_part) for f in findings] == [(sensor, LOST, SENSOR)] * 2
-    told_s = [1e-9 * finding.t_ns - FROM_S for finding in findings]
-    assert told_s == pytest.approx([EVENT_S + 0.1, DEGRADED_S + 0.1], abs=0.05)
+    report_s = [1e-9 * finding.t_ns - FROM_S for finding in findings]
+    assert report_s == pytest.approx([EVENT_S + 0.1, DEGRADED_S + 0.1], abs=0.05)
 
 
 @pytest.mark.parametrize(("kind", "sensor"), [("wheels", "wheels"), ("car", "odometer")])

@@ -24,7 +24,7 @@ results = test_results.results
 NAMES = [name for name in test_results.NAMES if name not in ("check", "first drive")]  # these two lack rows
 IMU = sensor_slots(("imu",))(Imu())
 VEHICLES = {"planar": load("small").vehicle, "kinematic": Kinematic(np.eye(3)), "car": load("car").vehicle}
-KNOWN = {kind: FittedBlocks(vehicle, IMU) for kind, vehicle in VEHICLES.items()}
+VALID = {kind: FittedBlocks(vehicle, IMU) for kind, vehicle in VEHICLES.items()}
 
 ROWS = [
     {"name": "model.friction.linear[0]", "estimate": 7.0012, "std": 0.0098, "unit": "N s/m", "weak": False},
@@ -81,7 +81,7 @@ def test_the_latex_table_of_a_comparison_has_the_titles_and_units_of_its_printed
 
 
 def test_latex_uses_the_symbols_of_the_paper_and_significant_digits():
-    text = latex_text(ROWS, "Fit of 50 % & more", KNOWN["planar"])
+    text = latex_text(ROWS, "Fit of 50 % & more", VALID["planar"])
     assert r"$d_{l,x}$ & $7.0012$ & $0.0098$ & N s/m \\" in text
     assert r"$T_{33}$ & $29.9900$ & $0.0042$" in text
     assert r"$T_{22}$ & \multicolumn{2}{c}{not identifiable} & N \\" in text
@@ -119,7 +119,7 @@ def test_parameters_have_the_symbols_of_fossen(path, letter):
         if "velocity" in path
         else "planar"
     )
-    assert symbol(path, KNOWN[kind]) == letter
+    assert symbol(path, VALID[kind]) == letter
 
 
 @pytest.mark.parametrize(
@@ -143,19 +143,19 @@ def test_the_file_format_follows_the_file_extension(tmp_path):
         save_table(ROWS, tmp_path / "t.csv", decimal=";")
 
 
-@pytest.mark.parametrize("kind", KNOWN)
+@pytest.mark.parametrize("kind", VALID)
 def test_each_fitted_drivetrain_parameter_has_a_symbol(kind):
-    drivetrain = KNOWN[kind].model.drivetrain
+    drivetrain = VALID[kind].model.drivetrain
     paths = [path for path, _ in all_parameters(drivetrain, "model.drivetrain")]
-    raw = {path for path in paths if "texttt" in symbol(path, KNOWN[kind])}
+    raw = {path for path in paths if "texttt" in symbol(path, VALID[kind])}
     assert raw <= {"model.drivetrain.battery_v", "model.drivetrain.battery_nominal_v"}
 
 
-@pytest.mark.parametrize("kind", KNOWN)
+@pytest.mark.parametrize("kind", VALID)
 def test_each_parameter_free_by_default_has_a_unique_symbol(kind):
-    by_path = all_parameters(KNOWN[kind].model, "model")
+    by_path = all_parameters(VALID[kind].model, "model")
     paths = [path for path, p in by_path if p.role in ("fitted", "gain", "offset", "term")]
-    letters = [symbol(path, KNOWN[kind]) for path in paths]
+    letters = [symbol(path, VALID[kind]) for path in paths]
     assert len(letters) > 5
     assert not any("texttt" in letter for letter in letters)
     assert len(set(letters)) == len(letters)

@@ -221,12 +221,22 @@ def in_a_folder(dry, file, tmp_path, monkeypatch):
     write_run(drive(dry, 0), tmp_path / "dry.mcap")
 
 
-SAID = ("dry.mcap", "--vehicle", "my.toml", "--choose", "--use", "odometer", "--use", "imu[2]", "--no-noise")
+ARGUMENTS = (
+    "dry.mcap",
+    "--vehicle",
+    "my.toml",
+    "--choose",
+    "--use",
+    "odometer",
+    "--use",
+    "imu[2]",
+    "--no-noise",
+)
 
 
 def test_the_command_line_prints_rows_and_writes_the_chosen_model(in_a_folder, choice, capsys):
     with pytest.raises(SystemExit) as exit_info:
-        main(["identify", *SAID, "--update", "--json"])
+        main(["identify", *ARGUMENTS, "--update", "--json"])
     assert exit_info.value.code == 0
     reply = json.loads(capsys.readouterr().out)
     terms = {row["term"]: row for row in reply["rows"] if "term" in row}
@@ -240,7 +250,7 @@ def test_the_command_line_prints_rows_and_writes_the_chosen_model(in_a_folder, c
 
 def test_options_that_conflict_with_choose_are_refused(in_a_folder, capsys):
     with pytest.raises(SystemExit) as exit_info:
-        main(["identify", *SAID, "--speed-noise"])
+        main(["identify", *ARGUMENTS, "--speed-noise"])
     assert exit_info.value.code == 2
     assert "--choose cannot be combined with --speed-noise. First choose" in capsys.readouterr().err
 
@@ -335,7 +345,7 @@ def test_a_battery_term_is_chosen_for_the_motors_behind_a_bridge(drop_v, is_chos
 def test_the_command_line_chooses_and_judges_by_the_validation_run(in_a_folder, dry, tmp_path, capsys):
     write_run(drive(dry, 1, 20.0), tmp_path / "other.mcap")
     with pytest.raises(SystemExit) as exit_info:
-        main(["identify", *SAID, "--held-out", "other.mcap"])
+        main(["identify", *ARGUMENTS, "--held-out", "other.mcap"])
     assert exit_info.value.code == 0
     output = capsys.readouterr().out
     assert "tested by its simulation of the 1 held-out runs" in output

@@ -51,8 +51,8 @@ def test_the_truth_has_the_parameters_of_the_paper(study):
 
 
 def test_gains_of_the_absent_sideways_actuator_have_no_estimate(study):
-    unseen_names = {row["name"] for row in study.rows() if row["estimate"] is None}
-    assert unseen_names == {"T_12", "T_22", "T_32"}
+    unobservable_names = {row["name"] for row in study.rows() if row["estimate"] is None}
+    assert unobservable_names == {"T_12", "T_22", "T_32"}
     assert all(row["std"] is None for row in study.rows() if row["estimate"] is None)
 
 

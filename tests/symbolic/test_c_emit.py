@@ -28,23 +28,23 @@ def is_leaf(term) -> bool:
     return term.op in LEAF_OPERATORS
 
 
-def check(statements, known_symbols: set, roots=()) -> set:
+def check(statements, symbols_before: set, roots=()) -> set:
     """Check that every argument is computed before its use and no term is computed twice; return the computed terms."""
-    known_symbols = set(known_symbols)
+    symbols_before = set(symbols_before)
     for s in statements:
         if isinstance(s, EmittedBranch):
-            assert is_leaf(s.condition) or s.condition in known_symbols
+            assert is_leaf(s.condition) or s.condition in symbols_before
             for arm, body in ((1, s.if_true), (2, s.if_false)):
-                values = check(body, known_symbols)
+                values = check(body, symbols_before)
                 assert all(is_leaf(c.args[arm]) or c.args[arm] in values for c in s.choices)
-            assert not known_symbols.intersection(s.choices)
-            known_symbols.update(s.choices)
+            assert not symbols_before.intersection(s.choices)
+            symbols_before.update(s.choices)
         else:
-            assert s not in known_symbols
-            assert all(is_leaf(a) or a in known_symbols for a in s.args)
-            known_symbols.add(s)
-    assert all(is_leaf(root) or root in known_symbols for root in roots)
-    return known_symbols
+            assert s not in symbols_before
+            assert all(is_leaf(a) or a in symbols_before for a in s.args)
+            symbols_before.add(s)
+    assert all(is_leaf(root) or root in symbols_before for root in roots)
+    return symbols_before
 
 
 def branches(statements) -> list[EmittedBranch]:

@@ -183,10 +183,10 @@ def test_a_compiled_block_gives_the_same_steps_as_the_block(backend):
     for k in range(4):
         z = np.array([1.0, -k, 2.0])
         belief, output = block.step(belief, z, k)
-        fast_belief, said_fast = fast.step(fast_belief, z, t_ns=k)
+        fast_belief, fast_output = fast.step(fast_belief, z, t_ns=k)
         assert_same(fast_belief, belief)
-        assert_same(said_fast["box"], output["box"])
-        assert said_fast["fresh"] == output["fresh"]
+        assert_same(fast_output["box"], output["box"])
+        assert fast_output["fresh"] == output["fresh"]
     assert fast.backend == backend
 
 

@@ -50,7 +50,7 @@ def test_a_descent_ends_where_a_descent_before_it_ended():
     cost_and_gradient, start = bowl(np.array([7.0, 0.02, 20.0]))[1], np.array([1.0, 5.0, 40.0])
     first = descend(cost_and_gradient, np.array([90.0, 9.0, 2.0]), LOW, HIGH)
     separate_descent = descend(cost_and_gradient, start, LOW, HIGH)
-    descent = descend(cost_and_gradient, start, LOW, HIGH, known_end=first)
+    descent = descend(cost_and_gradient, start, LOW, HIGH, best_end=first)
     np.testing.assert_array_equal(descent.gains, first.gains)
     np.testing.assert_array_equal(descent.start, start)
     assert descent.cost == first.cost == descent.costs[-1]
@@ -61,7 +61,7 @@ def test_a_descent_passes_a_higher_minimum_that_is_known():
     """The cost of the known end is 1.1; this descent ends at 1."""
     cost_and_gradient = bowl(np.array([7.0, 0.02, 20.0]))[1]
     high_end = Descent(HIGH, np.array([38.0, 0.5, 25.0]), 1.1, np.array([1.1]), 0.0)
-    descent = descend(cost_and_gradient, np.array([90.0, 9.0, 2.0]), LOW, HIGH, known_end=high_end)
+    descent = descend(cost_and_gradient, np.array([90.0, 9.0, 2.0]), LOW, HIGH, best_end=high_end)
     assert descent.cost == pytest.approx(1.0, abs=1e-9)
 
 

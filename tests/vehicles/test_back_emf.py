@@ -11,8 +11,8 @@ from baqueano.vehicles import Car, Drivetrain, Friction, Planar
 
 MASS_KG, INERTIA, LAG_S, GAIN, DRAG = 0.6, 1.5e-3, 0.05, (3.0, 0.3), (3.3, 0.0115)
 SIDE_DRAG = 30.0
-COMMANDS = [(0.8, 0.2), (-0.6, 0.4), (0.0, -0.5), (0.7, 0.0)]  # each for HELD_S
-HELD_S = 0.1
+COMMANDS = [(0.8, 0.2), (-0.6, 0.4), (0.0, -0.5), (0.7, 0.0)]  # each for TEST_DRIVE_S
+TEST_DRIVE_S = 0.1
 MOTORS = Drivetrain(mixing="two_wheels", lag_s=LAG_S, back_emf_share=1.0)
 
 
@@ -36,7 +36,7 @@ def final_speeds(share):
             slip_dot = -SIDE_DRAG * slip / MASS_KG - r * v
             return np.concatenate([(u - share * drag / T - current) / LAG_S, nu_dot, [slip_dot]])
 
-        x = solve_ivp(dot, (0.0, HELD_S), x, rtol=1e-11, atol=1e-13).y[:, -1]
+        x = solve_ivp(dot, (0.0, TEST_DRIVE_S), x, rtol=1e-11, atol=1e-13).y[:, -1]
     return x[2:4]
 
 
@@ -45,7 +45,7 @@ def simulated_speeds(model, ticks):
     for u_x, u_psi in COMMANDS:
         for _ in range(ticks):
             u = np.array([u_x, 0.0, u_psi])
-            state, _ = model.step(state, u, HELD_S / ticks, np.zeros(3))
+            state, _ = model.step(state, u, TEST_DRIVE_S / ticks, np.zeros(3))
     return state.nu[[0, 2]]
 
 

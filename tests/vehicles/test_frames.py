@@ -42,13 +42,13 @@ def test_the_frame_transformation_is_a_rotation(psi):
 @QUICK
 @given(start=poses)
 def test_shifting_and_rotating_the_start_moves_the_path_equally(name, start):
-    drive_at_zero, felt_here = drive(VEHICLES[name], np.zeros(3))
-    drive_at_start, felt_there = drive(VEHICLES[name], start)
+    drive_at_zero, motion_here = drive(VEHICLES[name], np.zeros(3))
+    drive_at_start, motion_there = drive(VEHICLES[name], start)
     expected = compose(start, drive_at_zero.eta)
     assert drive_at_start.eta[:2] == pytest.approx(expected[:2], abs=1e-9)
     assert wrap(drive_at_start.eta[2] - expected[2]) == pytest.approx(0.0, abs=1e-9)
-    assert felt_there.nu == pytest.approx(felt_here.nu, abs=1e-9)
-    assert felt_there.nu_dot == pytest.approx(felt_here.nu_dot, abs=1e-9)
+    assert motion_there.nu == pytest.approx(motion_here.nu, abs=1e-9)
+    assert motion_there.nu_dot == pytest.approx(motion_here.nu_dot, abs=1e-9)
 
 
 @QUICK

@@ -14,7 +14,7 @@ from tests.web.scripted import RATE, ScriptedServer, fields, row
 LIVE = ("drive", "identify", "replay", "tune", "runs", "blocks", "faults")
 SCREENS = ("identify", "replay", "tune", "runs", "blocks")
 GHOST = ("replay",)
-SEEN = {"live": LIVE, "recorded": SCREENS, "ghost": GHOST}
+SCREEN_KINDS = {"live": LIVE, "recorded": SCREENS, "ghost": GHOST}
 THEMES, LANGUAGES = ("light", "dark"), ("en", "es")
 BOXES = (Path(__file__).parent / "boxes.js").read_text(encoding="utf-8")
 PAINTING = (Path(__file__).parent / "painted.js").read_text(encoding="utf-8")
@@ -106,7 +106,7 @@ def each_screen(browser: Chromium, kind: str, language: str) -> Iterator[tuple[s
             tab.wait(f"Boolean({PAGE}.ghost)")
         if kind != "live":
             tab.js(f"{PAGE}.screens.replay.seek(22.4)")
-        for screen in SEEN[kind]:
+        for screen in SCREEN_KINDS[kind]:
             tab.click(f"#tab-{screen}")
             if screen == "tune":
                 tab.wait(f"{PAGE}.screens.tune.land?.side === 20 && Boolean({PAGE}.screens.tune.lap)")

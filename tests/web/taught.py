@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-KNOWN = [  # path, label in both languages, value, unit
+ROWS = [  # path, label in both languages, value, unit
     ("friction.quadratic[1]", ("drag sideways, ∝ v²", "rozamiento lateral, ∝ v²"), 2.1, "N s²/m²"),
     ("friction.quadratic[0]", ("drag forward, ∝ v²", "rozamiento al avanzar, ∝ v²"), 0.84, "N s²/m²"),
     ("friction.linear[1]", ("drag sideways", "rozamiento lateral"), 40.2, "N s/m"),
@@ -41,9 +41,9 @@ def fit_taught(language: str, live: bool) -> dict[str, Any]:
     k = 0 if language == "en" else 1
     needs = ("missing: sliding sideways both slowly and fast, as in turns at many speeds",
              "falta: deslizar de costado tanto despacio como rápido, como en curvas a muchas velocidades")  # fmt: skip
-    now = [min(0.9, 10 ** (-0.35 - 0.27 * j)) for j in range(len(KNOWN))]
+    now = [min(0.9, 10 ** (-0.35 - 0.27 * j)) for j in range(len(ROWS))]
     fit = {
-        "t": 24.0, "took_s": 0.31, "value": [None, *(row[2] for row in KNOWN[1:])],
+        "t": 24.0, "took_s": 0.31, "value": [None, *(row[2] for row in ROWS[1:])],
         "std": [None, *(1.7 * std for std in now[1:])], "verdict": "USABLE", "verdict_id": "USABLE",
         "reason": None,
     }  # fmt: skip
@@ -56,9 +56,9 @@ def fit_taught(language: str, live: bool) -> dict[str, Any]:
         "reason": None, "fit": fit,
         "parameters": [
             {"path": path, "label": label[k], "unit": unit, "guess": value, "needs": None if j else needs[k]}
-            for j, (path, label, value, unit) in enumerate(KNOWN)
+            for j, (path, label, value, unit) in enumerate(ROWS)
         ],
-        "next": {"motion": motion[k], "label": KNOWN[1][1][k], "from": 0.29, "to": 0.13},
+        "next": {"motion": motion[k], "label": ROWS[1][1][k], "from": 0.29, "to": 0.13},
     }  # fmt: skip
     if live:
         return {"type": "identify"} | word

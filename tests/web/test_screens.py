@@ -11,7 +11,7 @@ from tests.web.screens import (
     AXE,
     BOXES,
     LANGUAGES,
-    SEEN,
+    SCREEN_KINDS,
     THEMES,
     axe,
     each_screen,
@@ -37,7 +37,7 @@ HAS_AXE = AXE.is_file() or bool(os.environ.get("CI"))
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("kind", SEEN)
+@pytest.mark.parametrize("kind", SCREEN_KINDS)
 def test_no_screen_has_a_layout_fault_or_an_accessibility_violation(browser, kind, language):
     """No text is cut, overlaps another text, is faint, or extends beyond the edge; axe-core reports nothing."""
     faults, passes = {}, []

@@ -42,11 +42,11 @@ def divergence_s(run: Run) -> float:
     distances = np.hypot(*(p - p[0]).T)
     if run.truth is not None and len(run.truth.t_ns) > 1:
         true_xy = interpolate_poses(log.t_ns, run.truth.t_ns, run.truth.eta)[:, :2]
-        known_positions = true_xy[np.isfinite(true_xy).all(axis=1)]
-        if len(known_positions):
-            path_size = float(np.hypot(*np.ptp(known_positions, axis=0)))
+        finite_positions = true_xy[np.isfinite(true_xy).all(axis=1)]
+        if len(finite_positions):
+            path_size = float(np.hypot(*np.ptp(finite_positions, axis=0)))
             # the map of a recording can have another origin
-            errors_m = np.hypot(*(p - true_xy - (p[0] - known_positions[0])).T)
+            errors_m = np.hypot(*(p - true_xy - (p[0] - finite_positions[0])).T)
             distances = np.where(np.isfinite(errors_m), errors_m, distances)
             limit = MAX_PATH_SIZES * max(1.0, path_size) * np.ones(len(t_s))
     is_lost = ~(distances <= limit)  # NaN is also a divergence

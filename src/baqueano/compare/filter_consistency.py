@@ -78,8 +78,8 @@ class FilterConsistency:
     @property
     def correlation(self) -> float:
         """Return the lag-1 autocorrelation of largest magnitude; NaN without innovations."""
-        known_correlations = [correlation for correlation in self.correlations if np.isfinite(correlation)]
-        return max(known_correlations, key=abs) if known_correlations else float("nan")
+        finite_correlations = [correlation for correlation in self.correlations if np.isfinite(correlation)]
+        return max(finite_correlations, key=abs) if finite_correlations else float("nan")
 
     def row(self) -> JsonObject:
         """Return a flat row for programs."""

@@ -162,7 +162,7 @@ def _truth_errors(run: Run, alignment: str, interval_s: float) -> dict[str, floa
         raise UsageError.of("compare.of-run", run=run.name, cause=error_cause(error)) from error
     pose_errors = errors.absolute_pose_errors(eta, eta_true)
     drift = errors.relative_pose_errors(est.t_ns, eta, eta_true, interval_s)
-    known_errors = pose_errors.position_m[np.isfinite(pose_errors.position_m)]
+    finite_errors = pose_errors.position_m[np.isfinite(pose_errors.position_m)]
     e_nu = est.nu - nu_true
     return {
         "ate_m": errors.rms(pose_errors.position_m),
@@ -171,7 +171,7 @@ def _truth_errors(run: Run, alignment: str, interval_s: float) -> dict[str, floa
         "rpe_heading_rad": errors.rms(drift.heading_rad),
         "speed_error_m_s": errors.rms(np.hypot(e_nu[:, 0], e_nu[:, 1])),
         "yaw_rate_error_rad_s": errors.rms(e_nu[:, 2]),
-        "end_error_m": float(known_errors[-1]) if known_errors.size else float("nan"),
+        "end_error_m": float(finite_errors[-1]) if finite_errors.size else float("nan"),
     }
 
 

@@ -92,8 +92,8 @@ def table_sections(comparison: "Comparison", is_short: bool = False) -> list[Jso
 
 def _best_column(line: TableLine, values: Sequence[Any]) -> int | None:
     """Return the column of the smallest error; None if `line` is not an error or several errors are the smallest."""
-    known_values = [value if isinstance(value, float) and np.isfinite(value) else None for value in values]
-    sorted_values = sorted((value, k) for k, value in enumerate(known_values) if value is not None)
+    run_values = [value if isinstance(value, float) and np.isfinite(value) else None for value in values]
+    sorted_values = sorted((value, k) for k, value in enumerate(run_values) if value is not None)
     if not line.is_error or len(sorted_values) < 2 or sorted_values[0][0] == sorted_values[1][0]:
         return None
     return sorted_values[0][1]

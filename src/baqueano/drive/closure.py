@@ -210,8 +210,8 @@ def lap_end(run: Run, vehicle_file: VehicleFile, place_std_m: float = 0.01) -> L
     def end(kappa: float) -> tuple[np.ndarray, np.ndarray, float]:
         """Return e (3,), P (3, 3), and the turn of the lap [rad], with the scale s₀ e^κ."""
         path, scale = f"sensors.{name}.gyro_scale", sensor.gyro_scale * float(np.exp(kappa))
-        known_scale = vehicle_file.with_values({path: scale, f"{path}_std": 0.0})
-        log = replay(lap, known_scale, backend="python", **start).estimate
+        rescaled_file = vehicle_file.with_values({path: scale, f"{path}_std": 0.0})
+        log = replay(lap, rescaled_file, backend="python", **start).estimate
         assert log is not None
         eta, P = log.eta[np.searchsorted(log.t_ns, from_ns) :], log.cov[-1, :3, :3]
         if not (np.isfinite(eta).all() and np.isfinite(P).all()):

@@ -14,7 +14,7 @@ from baqueano.estimators.complementary import Complementary
 from baqueano.estimators.dead_reckoning import DeadReckoning
 from baqueano.estimators.ekf import Belief, Ekf
 from baqueano.estimators.inertial import Inertial
-from baqueano.estimators.known_state import KnownState, TrueState
+from baqueano.estimators.perfect_state import PerfectState, TrueState
 from baqueano.estimators.unscented import Unscented
 from baqueano.on_demand import unknown_names
 
@@ -25,7 +25,7 @@ __all__ = [
     "Ekf",
     "Estimator",
     "Inertial",
-    "KnownState",
+    "PerfectState",
     "TrueState",
     "Unscented",
 ]

@@ -1,4 +1,4 @@
-"""A perfect sensor of (η, ν), for simulations only; `estimators.KnownState` uses it."""
+"""A perfect sensor of (η, ν), for simulations only; `estimators.PerfectState` uses it."""
 
 from dataclasses import dataclass
 

@@ -18,7 +18,7 @@ from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller, Guide, Supervision
 from baqueano.contracts.values import Tree
 from baqueano.errors import UsageError
-from baqueano.estimators import KnownState
+from baqueano.estimators import PerfectState
 from baqueano.guides.repeat import with_laps
 from baqueano.guides.route import Route
 from baqueano.messages import english_text
@@ -176,7 +176,7 @@ def loop_system(
     """Return the system of all blocks of the file on `route`; `controller` replaces the file's controller."""
     guide = with_laps(route if isinstance(route, Guide) else vehicle_file.guide(route), laps)
     sensors = truth_sensor() if perfect else vehicle_file.sensors
-    estimator = KnownState() if perfect else vehicle_file.estimator()
+    estimator = PerfectState() if perfect else vehicle_file.estimator()
     controller = vehicle_file.controller() if controller is None else controller
     return System(vehicle_file.vehicle, sensors, estimator, guide, controller, vehicle_file.supervisor())
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from baqueano import loop
 from baqueano.contracts.values import Tree
-from baqueano.estimators import KnownState
+from baqueano.estimators import PerfectState
 from baqueano.guides import Idle
 from baqueano.guides.repeat import Repeat
 from baqueano.sensors.truth import truth_sensor
@@ -26,7 +26,7 @@ class Loop:
         self, vehicle_file: VehicleFile, perfect: bool, backend: str, controller: str | None = None
     ) -> None:
         self.file, self.perfect = vehicle_file, perfect
-        estimator = KnownState() if perfect else vehicle_file.estimator()
+        estimator = PerfectState() if perfect else vehicle_file.estimator()
         self.blocks = loop.Blocks(
             estimator, Idle(float("inf")), vehicle_file.controller(controller), vehicle_file.supervisor()
         )

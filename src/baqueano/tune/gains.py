@@ -172,8 +172,8 @@ def _bounded_descent(
     for start in (best.gains, np.where(is_at_limit, np.clip(preferred_x, low, high), best.gains)):
         if others and rehearsal.cost(start) > max_cost:
             break
-        known_end = others[0] if others else None
-        others.append(descend(rehearsal.cost_and_gradient, start, low, high, preferred_x, known_end))
+        best_end = others[0] if others else None
+        others.append(descend(rehearsal.cost_and_gradient, start, low, high, preferred_x, best_end))
         if is_inside(others[-1]):
             return others[-1]
     return None

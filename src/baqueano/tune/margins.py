@@ -21,7 +21,7 @@ import numpy as np
 from baqueano.contracts import optional
 from baqueano.contracts.blocks import Controller
 from baqueano.contracts.values import Tree
-from baqueano.estimators import KnownState
+from baqueano.estimators import PerfectState
 from baqueano.guides.repeat import Repeat
 from baqueano.guides.route import Route
 from baqueano.sensors.truth import truth_sensor
@@ -311,7 +311,7 @@ def _straight_loop(vehicle_file: "VehicleFile", controller: Controller, speed_m_
     eta[:, 0], nu[:, 0] = speed_m_s * t_s, speed_m_s
     guide = Repeat.along(Route(t_s, eta, nu, closed=False), acceleration_m_s2=np.inf)
     return System(
-        vehicle_file.vehicle, truth_sensor(), KnownState(), guide, controller, vehicle_file.supervisor()
+        vehicle_file.vehicle, truth_sensor(), PerfectState(), guide, controller, vehicle_file.supervisor()
     )
 
 

@@ -75,8 +75,8 @@ def search(
     begin = [np.clip(g, low, high) for g in initial] + [points[k] for _, k in costs_and_points[:start_count]]
     ends: list[Descent] = []
     for start in begin:
-        known_end = min(ends, key=lambda d: d.cost, default=None)
-        ends.append(descend(cost_and_gradient, start, low, high, known_end=known_end))
+        best_end = min(ends, key=lambda d: d.cost, default=None)
+        ends.append(descend(cost_and_gradient, start, low, high, best_end=best_end))
     ends.sort(key=lambda d: d.cost)
     if polish and ends[0].cost < DIVERGED_COST and ends[0].slope > MAX_RELATIVE_SLOPE:
         for _ in range(SIMPLEX_SEARCHES):
@@ -93,11 +93,11 @@ def descend(
     low: np.ndarray,
     high: np.ndarray,
     preferred_x: np.ndarray | None = None,
-    known_end: Descent | None = None,
+    best_end: Descent | None = None,
 ) -> Descent:
     """Return the descent from the gains `start` (p,), which must be within the bounds; `preferred_x` (p,): see (2).
 
-    The last step goes to the end of `known_end`, an earlier descent, if the value is nearly equal and the same gains
+    The last step goes to the end of `best_end`, an earlier descent, if the value is nearly equal and the same gains
     are at bounds. The step before must be small.
     """
     costs: list[float] = []
@@ -127,23 +127,23 @@ def descend(
         return values[-1], slope
 
     path, joins = [np.array(start, dtype=float)], False
-    last_value, known_value, known_limits = np.inf, np.nan, np.zeros(0)
-    if known_end is not None:
-        known_x = coordinates(known_end.gains, low, high)
-        known_value, known_limits = known_end.cost * share_at(known_x), limits(known_x)
+    last_value, best_value, best_limits = np.inf, np.nan, np.zeros(0)
+    if best_end is not None:
+        best_x = coordinates(best_end.gains, low, high)
+        best_value, best_limits = best_end.cost * share_at(best_x), limits(best_x)
 
     def is_end(x: np.ndarray) -> bool:
         nonlocal joins, last_value
         path.append(gains(x, low, high))
-        value, max_change = min(values), JOIN_TOLERANCE * known_value
-        is_near = known_value <= value <= known_value + max_change and last_value - value <= max_change
-        joins, last_value = is_near and np.array_equal(limits(x), known_limits), value
+        value, max_change = min(values), JOIN_TOLERANCE * best_value
+        is_near = best_value <= value <= best_value + max_change and last_value - value <= max_change
+        joins, last_value = is_near and np.array_equal(limits(x), best_limits), value
         return joins or value > (1.0 - MIN_PROGRESS) * min(values[:-PATIENCE], default=np.inf)
 
     end = minimise(f, x0, MAX_EVALUATIONS, is_end)
-    if known_end is not None and joins:
-        costs_to_end = np.array([*costs, known_end.cost])
-        return known_end._replace(start=start, costs=costs_to_end, path=(*path, known_end.gains))
+    if best_end is not None and joins:
+        costs_to_end = np.array([*costs, best_end.cost])
+        return best_end._replace(start=start, costs=costs_to_end, path=(*path, best_end.gains))
     min_cost = end.value / share_at(end.x)
     slope = end.largest_slope() / max(abs(end.value), 1e-300)
     return Descent(start, gains(end.x, low, high), min_cost, np.array(costs), slope, tuple(path))

@@ -84,9 +84,9 @@ def vehicle(report: ReadReport, table: Any, context: BuildContext) -> Any:
         and isinstance(table.get("friction", {}), dict)
     ):
         values["friction"] = {"track_m": context.geometry.track_m, **values.get("friction", {})}
-    known_inertia = solid_inertia(1.0, context.geometry) is not None
+    has_solid_inertia = solid_inertia(1.0, context.geometry) is not None
     missing_names = [k for k in missing_keys(keys, values) if k not in table]
-    if missing_names := [k for k in missing_names if not (k == "inertia_kg_m2" and known_inertia)]:
+    if missing_names := [k for k in missing_names if not (k == "inertia_kg_m2" and has_solid_inertia)]:
         code = "vehicle.model-lacks-inertia" if "inertia_kg_m2" in missing_names else "vehicle.model-lacks"
         report.add_table_problem(("model",), code, keys=missing_names, model=block_class.__name__)
     if report.problems:

@@ -32,7 +32,7 @@ def split_key(path_text: str) -> tuple[tuple[str, ...], tuple[int, ...]]:
     )
 
 
-def known_paths(data: JsonObject, folder: Path | str | None = None) -> list[str]:
+def valid_paths(data: JsonObject, folder: Path | str | None = None) -> list[str]:
     """Return every key that the blocks of this file can have, including keys that are not written in the file.
 
     A block of the user is searched for in `folder`. If the block is missing, as on another computer, only its written
@@ -56,18 +56,18 @@ def known_paths(data: JsonObject, folder: Path | str | None = None) -> list[str]
 
 def key_exists(data: JsonObject, path_text: str, folder: Path | str | None = None) -> bool:
     """Return True if the blocks of this file can have this key, or the key of this entry."""
-    return ".".join(split_key(path_text)[0]) in known_paths(data, folder)
+    return ".".join(split_key(path_text)[0]) in valid_paths(data, folder)
 
 
 def is_table(data: JsonObject, path_text: str, folder: Path | str | None = None) -> bool:
     """Return True for the name of a table that this file can have, such as "model" or "model.friction"."""
-    return any(path.startswith(f"{path_text}.") for path in known_paths(data, folder))
+    return any(path.startswith(f"{path_text}.") for path in valid_paths(data, folder))
 
 
 def current_value(vehicle_file: "VehicleFile", path_text: str) -> Any:
     """Return the value, or default, of a key in the block that was built. Raise UsageError for an unknown key."""
     path, entry = split_key(path_text)
-    paths = known_paths(vehicle_file.data, vehicle_file.folder)
+    paths = valid_paths(vehicle_file.data, vehicle_file.folder)
     if ".".join(path) not in paths:
         raise no_such_key(vehicle_file.name, path_text, paths)
     value: Any = vehicle_file
@@ -118,7 +118,7 @@ def refuse_change(vehicle_file: "VehicleFile", name: str, value: object) -> NoRe
 
 def _attribute_key(vehicle_file: "VehicleFile", name: str) -> str:
     """Return the first key whose last name begins with `name`, or the first value of the table `name`; else ""."""
-    keys = [k for k in known_paths(vehicle_file.data, vehicle_file.folder) if not k.endswith(".kind")]
+    keys = [k for k in valid_paths(vehicle_file.data, vehicle_file.folder) if not k.endswith(".kind")]
     last_names = [key for key in keys if key.rpartition(".")[2].startswith(name)]
     return next(iter([*last_names, *(key for key in keys if key.startswith(f"{name}."))]), "")
 

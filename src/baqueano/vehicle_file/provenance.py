@@ -20,7 +20,7 @@ import numpy as np
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.messages.language import mark as N_
-from baqueano.vehicle_file.paths import is_table, key_exists, known_paths
+from baqueano.vehicle_file.paths import is_table, key_exists, valid_paths
 from baqueano.vehicle_file.tables import ReadReport, number_array, report_unknown_key
 
 GUESS = Verdict.GUESS  # verdict on values that were not measured
@@ -89,7 +89,7 @@ def _provenance(report: ReadReport, data: JsonObject, folder: str | None) -> dic
     for key, table in data.get("provenance", {}).items():
         path = ("provenance", key)
         if not key_exists(data, key, folder) and not is_table(data, key, folder):
-            report_unknown_key(report, path, table, dict.fromkeys(known_paths(data, folder), ""))
+            report_unknown_key(report, path, table, dict.fromkeys(valid_paths(data, folder), ""))
             continue
         if not isinstance(table, dict):
             report.add_problem(path, "vehicle.provenance-not-table")

@@ -106,15 +106,15 @@ def split_unit(key: str) -> tuple[str, str]:
 def wrong_unit(key: str, value: object, unit_by_key: dict[str, str]) -> Diagnostic | None:
     """Return a suggestion if `key` is a key of `unit_by_key` with another unit or without unit; else None."""
     stem, unit = split_unit(key)
-    for known_key, its_unit in unit_by_key.items():
-        right_stem, right_unit = split_unit(known_key)
+    for valid_key, its_unit in unit_by_key.items():
+        right_stem, right_unit = split_unit(valid_key)
         same_stem = right_stem == stem and unit != right_unit
-        is_other_unit = known_key == stem and unit != ""  # accel_bias_mg for accel_bias
+        is_other_unit = valid_key == stem and unit != ""  # accel_bias_mg for accel_bias
         if not (same_stem or is_other_unit):
             continue
         if not unit:
             unit_words = UNITS[right_unit].words
-            return note("vehicle.unit-missing", key=known_key, value=_unit_text(value), unit_name=unit_words)
+            return note("vehicle.unit-missing", key=valid_key, value=_unit_text(value), unit_name=unit_words)
         dimension = (
             UNITS[right_unit].dimension
             if right_unit
@@ -127,7 +127,7 @@ def wrong_unit(key: str, value: object, unit_by_key: dict[str, str]) -> Diagnost
         unit_words = UNITS[right_unit].words if right_unit else its_unit.split(",")[0]
         return note(
             "vehicle.unit-other", unit_name=unit_words, value=_unit_text(value), given_unit=source_unit.words,
-            key=known_key, converted_value=_scaled_text(value, factor),
+            key=valid_key, converted_value=_scaled_text(value, factor),
         )  # fmt: skip
     return None
 

@@ -70,10 +70,10 @@ def test_a_chip_that_blocks_the_bus_after_nine_clocks_is_reported(lines):
 
 
 @pytest.mark.parametrize(
-    ("bits", "scl_held", "code"), [([0, 0], True, "bus.scl-held"), ([], False, "bus.free")]
+    ("bits", "is_scl_low", "code"), [([0, 0], True, "bus.scl-held"), ([], False, "bus.free")]
 )
-def test_a_blocked_scl_or_a_free_bus_is_reported_and_not_clocked(lines, bits, scl_held, code):
-    pins = lines(bits, scl_held=scl_held)
+def test_a_blocked_scl_or_a_free_bus_is_reported_and_not_clocked(lines, bits, is_scl_low, code):
+    pins = lines(bits, is_scl_low=is_scl_low)
     outcome = recover_bus(BUS)
     assert not outcome.is_free
     assert outcome.message.code == code
@@ -244,7 +244,7 @@ def test_a_bus_blocked_at_imu_start_is_clocked_free_and_reported(lines, monkeypa
 def test_a_bus_that_stays_blocked_at_imu_start_is_an_error(lines, monkeypatch, tmp_path):
     pytest.importorskip("smbus2", reason="I2C needs Linux and smbus2")
     bench = Bench(monkeypatch, tmp_path)
-    bench.bus.sda_low = lines([0, 0], scl_held=True)
+    bench.bus.sda_low = lines([0, 0], is_scl_low=True)
     with refused("imu.bus-unusable", RobotUnreachable):
         start(bench)
 

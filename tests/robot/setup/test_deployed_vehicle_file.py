@@ -15,10 +15,10 @@ from tests.codes import refused
 
 PI = TargetMachine((3, 11), "aarch64", "ana")
 SMALL = vehicle_file.load("small")
-FOUND = {"robot.imu_axes": ["-y", "x", "z"], "sensors.imu.gyro_bias": 0.0123}
+CALIBRATION = {"robot.imu_axes": ["-y", "x", "z"], "sensors.imu.gyro_bias": 0.0123}
 
 
-def calibrated(file, values=FOUND, on=date(2026, 11, 3)):
+def calibrated(file, values=CALIBRATION, on=date(2026, 11, 3)):
     """Return the file as `calibrate imu --update` writes it."""
     return file.with_values(values, {key: {"run": "calibrate imu", "date": on} for key in values})
 
@@ -102,7 +102,7 @@ def test_calibrated_values_of_the_robot_survive_a_new_vehicle_file(programs, pi,
     assert now.robot.port == "/dev/serial0"
     assert now.robot.imu_axes == ("-y", "x", "z")
     assert now.sensors.imu.gyro_bias == 0.0123
-    assert {now.provenance[key].run for key in FOUND} == {"calibrate imu"}
+    assert {now.provenance[key].run for key in CALIBRATION} == {"calibrate imu"}
     assert lines[1:] == [
         'vehicle.toml  robot.imu_axes: ["-y", "x", "z"] is kept, because it was calibrated there on 2026-11-03',
         "vehicle.toml  sensors.imu.gyro_bias: 0.0123 is kept, because it was calibrated there on 2026-11-03",
@@ -126,8 +126,8 @@ def test_the_newer_of_two_calibrations_is_used(programs, pi, wheels, vehicle_tom
 
 def test_a_calibration_with_equal_values_retains_its_provenance(programs, pi, wheels, vehicle_toml):
     vehicle_toml.write_text(calibrated(SMALL).text)
-    setup("r1", wheels, PI, vehicle=SMALL.with_values(FOUND), root=str(pi))
-    assert {vehicle_file.load(vehicle_toml).provenance[key].run for key in FOUND} == {"calibrate imu"}
+    setup("r1", wheels, PI, vehicle=SMALL.with_values(CALIBRATION), root=str(pi))
+    assert {vehicle_file.load(vehicle_toml).provenance[key].run for key in CALIBRATION} == {"calibrate imu"}
 
 
 def test_a_file_without_keys_for_an_existing_calibration_is_refused(programs, pi, wheels, vehicle_toml):

@@ -258,8 +258,8 @@ def _fix(term_note: Diagnostic, paths: Sequence[str], model: DynamicVehicle) -> 
     keys = keys if len(keys) < 2 or free_keys & {*keys} else []  # else other effects look like it
     if term_note.code in ("term.dry-friction", "term.friction-speed"):  # its magnitude is free
         keys = [speed for path, speed in sign_speed_paths(model).items() if path in free_keys][:1]
-    known_keys = dict(all_parameters(model, "model"))
-    new = [key for key in keys if key not in free_keys and (key in known_keys or key.startswith("sensors."))]
+    model_keys = dict(all_parameters(model, "model"))
+    new = [key for key in keys if key not in free_keys and (key in model_keys or key.startswith("sensors."))]
     return " ".join(f"--free +{key}" for key in new)
 
 

@@ -323,23 +323,23 @@ def start_theta(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return θ (p,) at the start, and its bounds (p,), (p,). Raise UsageError for a start of a fixed parameter."""
     layout = theta_layout(shape, records)
-    known_values: dict[str, float] = {}
+    run_values: dict[str, float] = {}
     for path, numbers in options.start.items():
         paths = entries(blocks, path)
         for p, x in zip(paths, np.broadcast_to(np.asarray(numbers, float).ravel(), len(paths)), strict=True):
-            known_values[p] = float(x)
-    missing_paths = [p for p in known_values if p not in shape.shared_paths and p not in shape.per_run]
+            run_values[p] = float(x)
+    missing_paths = [p for p in run_values if p not in shape.shared_paths and p not in shape.per_run]
     if missing_paths:
         raise UsageError.of("start.not-free", path=missing_paths[0])
     theta, low, high = np.zeros(layout.size), np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
     for k, parameter in enumerate(free):
-        theta[k] = known_values.get(parameter.path, value(blocks, parameter.path))
+        theta[k] = run_values.get(parameter.path, value(blocks, parameter.path))
         low[k], high[k] = parameter.low, parameter.high
     for run in range(layout.run_count):
         for k, path in enumerate(shape.by_run, layout.shared_count + run * layout.run_entry_count):
             if path in shape.per_run:
                 parameter = free_parameter(blocks, path, options.bounds)
-                theta[k] = known_values.get(path, value(blocks, path))
+                theta[k] = run_values.get(path, value(blocks, path))
                 low[k], high[k] = parameter.low, parameter.high
             else:
                 low[k], high[k] = -MAX_CLOCK_OFFSET_S, MAX_CLOCK_OFFSET_S

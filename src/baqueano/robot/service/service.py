@@ -295,8 +295,8 @@ class Service:
         if not self.imu.is_bus_stuck:
             return stop(StopReason.IMU_SILENT)
         if self._bus is None or self._bus.is_free:  # the last recovery freed it, but it is stuck again
-            return stop(StopReason.IMU_BUS_HELD)
-        return stop(StopReason.IMU_BUS_STILL_HELD, cause=self._bus.message)
+            return stop(StopReason.IMU_BUS_BLOCKED)
+        return stop(StopReason.IMU_BUS_STILL_BLOCKED, cause=self._bus.message)
 
     def _publish(self, world: Robot | None = None, *, at_once: bool = False) -> None:
         now_ns = self.now_ns()

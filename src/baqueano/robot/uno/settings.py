@@ -172,9 +172,9 @@ def _with_setting(settings: Settings, name: str, text: str) -> Settings:
     return settings._replace(curves=tuple(wheel_rows))
 
 
-def _checked_word(name: str, text: str, known_words: list[str]) -> str:
-    if text.lower() not in known_words:
-        raise UsageError.of("settings.choice", option=name, value=text, valid=known_words)
+def _checked_word(name: str, text: str, valid_words: list[str]) -> str:
+    if text.lower() not in valid_words:
+        raise UsageError.of("settings.choice", option=name, value=text, valid=valid_words)
     return text.lower()
 
 

@@ -26,7 +26,7 @@ HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA, DATA_END 
 MIN_BYTES = {
     HEADER: 8, FOOTER: 20, SCHEMA: 14, CHANNEL: 16, CHUNK: 40, ATTACHMENT: 36, METADATA: 8, DATA_END: 4,
 }  # fmt: skip
-LAST_KNOWN_OPCODE, MAX_PAIRS = 15, 10_000  # the second: most entries of a map from string to string
+LAST_OPCODE, MAX_PAIRS = 15, 10_000  # the second: most entries of a map from string to string
 NAME_MEMORY_FACTOR = 10  # memory of a name or a map, as a multiple of its bytes
 SEARCH_FACTOR = 16  # limit of the search for chunks inside damaged ones, as a multiple of the file's size
 MAX_REPORTED_DAMAGES = 8  # damaged places that are described
@@ -182,7 +182,7 @@ class _RecordReader:
             next_nonzero = _NOT_ZERO.search(self.data, offset)
             end += ((next_nonzero.start() if next_nonzero else len(self.data)) - end) // 9 * 9
             cause = note("damage.zeros")
-        elif not 0 < opcode <= LAST_KNOWN_OPCODE:
+        elif not 0 < opcode <= LAST_OPCODE:
             cause = note("damage.unknown-kind", kind=opcode)
         elif size < MIN_BYTES.get(opcode, 0):
             cause = note("damage.short-record", kind=opcode, size=size)

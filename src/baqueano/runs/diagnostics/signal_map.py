@@ -128,13 +128,13 @@ def signal_map(z: np.ndarray, h: np.ndarray, channels: Sequence[MappedChannel]) 
     return hypotheses
 
 
-def nearest_ratio(magnitude: float, low: float, high: float, known_ratios: Collection[float]) -> float:
+def nearest_ratio(magnitude: float, low: float, high: float, ratios: Collection[float]) -> float:
     """Return the known ratio r with low r ≤ magnitude ≤ high r. Return NaN without such a ratio.
 
     >>> nearest_ratio(50.0, 0.5, 2.0, [1.0, 57.3])
     57.3
     """
-    close_ratios = [r for r in known_ratios if r * low <= magnitude <= r * high]
+    close_ratios = [r for r in ratios if r * low <= magnitude <= r * high]
     typical_ratio = np.sqrt(low * high) if len(close_ratios) > 1 else 1.0
     return min(close_ratios, key=lambda r: abs(np.log(magnitude / r / typical_ratio)), default=np.nan)
 

@@ -253,10 +253,10 @@ class Faults:
         """Return a sentence for each reason why the verdict is not USABLE."""
         rows = self.rows()
         wrongly_usable = (r | {"fault": _(r["fault"])} for r in rows if r["wrongly_usable"])
-        reasons_found = [
+        reasons = [
             _("{wrongly_usable} wrong fits with {fault} were called USABLE", **r) for r in wrongly_usable
         ]
-        reasons_found += [
+        reasons += [
             _("{crashed} fits with {fault} crashed", crashed=r["crashes"], fault=_(r["fault"]))
             for r in rows
             if r["crashes"]
@@ -265,12 +265,12 @@ class Faults:
         refusals = sum(r["wrongly_refused"] for r in rows)
         if refusals > 0.02 * undamaged_fits:
             figures = {"refused": refusals, "sound": undamaged_fits}
-            reasons_found.append(
+            reasons.append(
                 _("{refused} of {sound} runs without faults were refused, more than 2 %", **figures)
             )
         if not undamaged_fits:
-            reasons_found.append(_("no run without faults was fitted"))
-        return tuple(reasons_found)
+            reasons.append(_("no run without faults was fitted"))
+        return tuple(reasons)
 
     @property
     def verdict(self) -> Verdict:

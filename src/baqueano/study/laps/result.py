@@ -68,7 +68,7 @@ def robot_laps(
     square = np.einsum("tni,tnij,tnj->tn", e, np.linalg.inv(P), e)
     square = np.where(np.sqrt(P[..., 2, 2]) <= MAX_HEADING_STD_RAD, square, np.nan)
     distance_m, cross_track_m = np.hypot(e[..., 0], e[..., 1]), np.abs(drives.aside_m)
-    laps_found = []
+    lap_results = []
     for lap in range(laps):
         t = slice(lap * samples_per_lap, (lap + 1) * samples_per_lap if lap < laps - 1 else None)
         for i, seed in enumerate(seeds):
@@ -82,8 +82,8 @@ def robot_laps(
                 else (np.nan,) * 2
             )
             worst_errors = float(distance_m[t, i][lap_rows].max()), float(cross_track_m[t, i][lap_rows].max())
-            laps_found.append(Lap(case, seed, lap + 1, bool(lap_rows.all()), *worst_errors, *claims))
-    return laps_found
+            lap_results.append(Lap(case, seed, lap + 1, bool(lap_rows.all()), *worst_errors, *claims))
+    return lap_results
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,16 +137,16 @@ class LapStudy:
     def reasons(self) -> tuple[str, ...]:
         """Return a sentence on refused fits, and one for each missed bound: all bounds with tags; walls, coverage
         and NEES with the other fixes."""
-        reasons_found = []
+        reasons = []
         if self.refused_robots:
-            reasons_found.append(
+            reasons.append(
                 _("the fits of robots {robots} were refused", robots=", ".join(map(str, self.refused_robots)))
             )
         for row in self.rows():
             case = ", ".join(_(row[name]) for name in LapCase._fields)
             problems = _missed_bounds(row, self.laps)
-            reasons_found += [_("{where}: {what}", where=case, what=problem) for problem in problems]
-        return tuple(reasons_found)
+            reasons += [_("{where}: {what}", where=case, what=problem) for problem in problems]
+        return tuple(reasons)
 
     @property
     def verdict(self) -> Verdict:

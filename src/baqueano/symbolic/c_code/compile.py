@@ -61,7 +61,7 @@ class Compiler(NamedTuple):
     is_clang: bool
 
 
-class FoundCompiler(NamedTuple):
+class CompilerSearch(NamedTuple):
     """The compiler in use, and the reasons why others do not work."""
 
     compiler: Compiler | None
@@ -86,13 +86,13 @@ def load_library(
     return _load(identity, code, compiler.compiler, find_vectors=find_vectors, is_quick=is_quick)
 
 
-def find_compiler() -> FoundCompiler:
+def find_compiler() -> CompilerSearch:
     """Return the first of cc, gcc, clang and ziglang that works; if $BAQUEANO_CC is set, only this compiler."""
     return _find(os.environ.get("BAQUEANO_CC", ""), os.environ.get("PATH", ""))
 
 
 @cache
-def _find(compiler_name: str, path: str) -> FoundCompiler:
+def _find(compiler_name: str, path: str) -> CompilerSearch:
     reasons: list[Diagnostic] = []
     for compiler in _candidates(compiler_name, path):
         try:
@@ -100,10 +100,10 @@ def _find(compiler_name: str, path: str) -> FoundCompiler:
         except CompileError as error:
             reasons.append(error.diagnostic)
         else:
-            return FoundCompiler(compiler, merge_diagnostics(reasons))
+            return CompilerSearch(compiler, merge_diagnostics(reasons))
     if compiler_name and not reasons:
         reasons.append(fault("compiler.no-command", value=compiler_name))
-    return FoundCompiler(None, merge_diagnostics(reasons) or fault("compiler.absent", "pip install ziglang"))
+    return CompilerSearch(None, merge_diagnostics(reasons) or fault("compiler.absent", "pip install ziglang"))
 
 
 def _candidates(compiler_name: str, path: str) -> Iterator[Compiler]:

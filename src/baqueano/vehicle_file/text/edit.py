@@ -18,7 +18,7 @@ from baqueano.atomic_file import replace_file
 from baqueano.blocks import LOOP_ROLES, block_kind, check_role
 from baqueano.contracts.values import JsonObject
 from baqueano.errors import FileError, UsageError
-from baqueano.vehicle_file.paths import current_value, known_paths, no_such_key, split_key
+from baqueano.vehicle_file.paths import current_value, no_such_key, split_key, valid_paths
 from baqueano.vehicle_file.provenance import ParameterCov, Provenance
 from baqueano.vehicle_file.text.dump import dump
 from baqueano.vehicle_file.text.toml_text import read_text
@@ -68,7 +68,7 @@ def edit_text(
         values = {**values, key: block_kind(values[key])}
     origins = {key: p if isinstance(p, Provenance) else Provenance(**p) for key, p in provenance.items()}
     rounded_values = {k: _round(v, origins[k].std if k in origins else None) for k, v in values.items()}
-    paths = known_paths(_set_kinds(vehicle_file.data, values), vehicle_file.folder)
+    paths = valid_paths(_set_kinds(vehicle_file.data, values), vehicle_file.folder)
     for key in origins:
         if ".".join(split_key(key)[0]) not in paths:
             raise no_such_key(vehicle_file.name, key, paths)
@@ -125,7 +125,7 @@ def _edit_text(
     """Return the text with the new values: edited by tomlkit with its comments, or written again without comments.
     Raise UsageError for an unknown key.
     """
-    paths = known_paths(_set_kinds(vehicle_file.data, values), vehicle_file.folder)
+    paths = valid_paths(_set_kinds(vehicle_file.data, values), vehicle_file.folder)
     if keep_comments:
         import tomlkit
 

@@ -73,18 +73,18 @@ class DisturbanceConverter:
             raise UsageError.of("shake.no-inertia", kind=fault_.kind)
         if fault_.kind == "push" and not self._mass_kg:
             raise UsageError.of("shake.no-mass", value=f"{hypot(fault_.x, fault_.y):g} N s")
-        known_names: list[str] = []
+        valid_names: list[str] = []
         if fault_.kind in SENSOR_KINDS:
-            known_names = list(self.names)
+            valid_names = list(self.names)
         if fault_.kind in CHANNEL_KINDS:
-            known_names = [
+            valid_names = [
                 f"{n}[{c}]"
                 for n, m in zip(self.names, self.no_disturbance.sizes, strict=True)
                 for c in range(m)
             ]
-        if (fault_.kind in SENSOR_KINDS or fault_.kind in CHANNEL_KINDS) and fault_.target not in known_names:
+        if (fault_.kind in SENSOR_KINDS or fault_.kind in CHANNEL_KINDS) and fault_.target not in valid_names:
             raise UsageError.of(
-                "shake.target", kind=fault_.kind, value=repr(fault_.target)[:40], valid=known_names
+                "shake.target", kind=fault_.kind, value=repr(fault_.target)[:40], valid=valid_names
             )
         if fault_.kind == "slip" and self._motors < 2 and fault_.target != "all":
             raise UsageError.of("shake.target", kind=fault_.kind, value=repr(fault_.target)[:40], valid="all")

@@ -46,10 +46,10 @@ TEMPLATES: dict[str, str] = {
     ),
     S.IMU_ABSENT: "the IMU is missing: {cause}",
     S.IMU_SILENT: "the IMU does not answer: check its four wires",
-    S.IMU_BUS_HELD: (
+    S.IMU_BUS_BLOCKED: (
         "the IMU is silent: its I2C bus is stuck low. Clock pulses will free it while the vehicle is at rest"
     ),
-    S.IMU_BUS_STILL_HELD: f"the IMU is silent: {{cause}}. {IMU_RESET_ADVICE}",
+    S.IMU_BUS_STILL_BLOCKED: f"the IMU is silent: {{cause}}. {IMU_RESET_ADVICE}",
     S.SERVICE_ENDED: "another process ended the service",
     S.MISSION_UNFINISHED: f"{MISSION_ENDED_TEXT} {BLOCK_ENDED_TEXT}",
     S.MISSION_UNFINISHED_AT: f"{MISSION_ENDED_TEXT} It was at {{file}} line {{line}}. {BLOCK_ENDED_TEXT}",

@@ -1,6 +1,6 @@
 """Estimators that return the true state, to tune and evaluate a controller without estimation errors.
 
-`KnownState` returns the reading of the sensor `truth` (sensors/truth.py), with a covariance of zero. Both work in the
+`PerfectState` returns the reading of the sensor `truth` (sensors/truth.py), with a covariance of zero. Both work in the
 loop like any other sensor and estimator. A real vehicle does not have this sensor.
 """
 
@@ -13,14 +13,14 @@ import numpy as np
 from baqueano.signals import Estimate, Motion, Tick
 
 
-class KnownStateBelief(NamedTuple):
-    """Belief of `KnownState`: the last true state (η, ν) that was measured."""
+class PerfectStateBelief(NamedTuple):
+    """Belief of `PerfectState`: the last true state (η, ν) that was measured."""
 
     z: np.ndarray  # (6,) η, ν
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KnownState:
+class PerfectState:
     """Estimator that uses the measurement of the sensor named `sensor` as the state.
 
     Parameters
@@ -31,7 +31,7 @@ class KnownState:
     Examples
     --------
     >>> from baqueano.signals import Slot, sensor_slots
-    >>> exact = KnownState()
+    >>> exact = PerfectState()
     >>> tick = Tick(0, np.zeros(3), sensor_slots(("truth",))(Slot(1.0, np.arange(6.0))))
     >>> exact.step(exact.init(), tick)[1].eta
     array([0., 1., 2.])
@@ -39,15 +39,15 @@ class KnownState:
 
     sensor: str = "truth"
 
-    def init(self, eta: np.ndarray | None = None) -> KnownStateBelief:
+    def init(self, eta: np.ndarray | None = None) -> PerfectStateBelief:
         """Return the belief at rest at `eta` (3,) in the map."""
-        return KnownStateBelief(np.concatenate([np.zeros(3) if eta is None else eta, np.zeros(3)]))
+        return PerfectStateBelief(np.concatenate([np.zeros(3) if eta is None else eta, np.zeros(3)]))
 
-    def step(self, belief: KnownStateBelief, tick: Tick) -> tuple[KnownStateBelief, Estimate]:
+    def step(self, belief: PerfectStateBelief, tick: Tick) -> tuple[PerfectStateBelief, Estimate]:
         """Return the last measured state, with a covariance of zero."""
         slot = getattr(tick.sensors, self.sensor)
         z = np.where(slot.is_new > 0.0, slot.z, belief.z)
-        return KnownStateBelief(z), Estimate(tick.t_ns, z[:3], z[3:], np.zeros((6, 6)))
+        return PerfectStateBelief(z), Estimate(tick.t_ns, z[:3], z[3:], np.zeros((6, 6)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

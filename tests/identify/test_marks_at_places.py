@@ -46,7 +46,7 @@ def with_sensor(text):
     return parse(load("small").text + text, "small")
 
 
-def seen_by_camera(run, seed, late_s=0.0):
+def with_camera_poses(run, seed, late_s=0.0):
     """Return the run with 20 camera poses a second instead of its truth, on a clock that is `late_s` behind."""
     indices = np.arange(0, len(run.t_ns), 5)
     noise = np.random.default_rng(seed).normal(size=(len(indices), 3)) * [0.003, 0.003, 0.01]
@@ -94,7 +94,7 @@ def test_a_camera_identifies_wheels_gyro_and_the_camera_clock():
     truth = override(with_sensor(WHEELS), [f"{RADII}=[1.03, 0.96]", f"{TRACK}=0.13", f"{GYRO}=0.966"])
     begin = override(truth, [f"{RADII}=[1, 1]", f"{TRACK}=0.12", f"{GYRO}=1"])
     for seed, late_s in ((1, 0.04), (2, -0.0325)):
-        run = seen_by_camera(simulate(truth, steps(truth, 20.0, seed), seed), seed, late_s)
+        run = with_camera_poses(simulate(truth, steps(truth, 20.0, seed), seed), seed, late_s)
         fit = identify(
             run,
             begin,
@@ -124,7 +124,7 @@ def test_the_position_of_a_mark_is_identified_but_not_written(turned_rad):
     small, mount = load("small"), {"lever_arm_m[0]": 0.06, "lever_arm_m[1]": -0.03, "heading_rad": turned_rad}
     names = [f"sensors.truth.{key}" for key, value in mount.items() if np.isfinite(value)]
     run = with_mark_at(
-        seen_by_camera(simulate(small, steps(small, 20.0, 1), 1), 1, 0.04), 0.06, -0.03, turned_rad
+        with_camera_poses(simulate(small, steps(small, 20.0, 1), 1), 1, 0.04), 0.06, -0.03, turned_rad
     )
     fit = identify(run, small, [*USUAL, *names], use=("imu", "truth"), options=FitOptions(clocks=("truth",)))
     assert fit.verdict == "USABLE", fit.reasons
@@ -140,7 +140,7 @@ def test_the_position_of_a_mark_is_identified_but_not_written(turned_rad):
     assert "truth" not in fit.vehicle_file.text
     assert (fit.notes[1].code, fit.notes[1].figures["keys"][:21]) == ("truth.mount", "lever_arm_m[0] = 0.06")
     moved_run = with_mark_at(
-        seen_by_camera(simulate(small, steps(small, 20.0, 9), 9), 9), 0.02, 0.03, turned_rad
+        with_camera_poses(simulate(small, steps(small, 20.0, 9), 9), 9), 0.02, 0.03, turned_rad
     )
     validation = validate(fit, replace(moved_run, name="unseen"))
     assert validation.verdict == "USABLE", validation.reasons
@@ -246,7 +246,7 @@ def test_a_camera_identifies_gyro_and_odometer_of_a_car():
     free = [*OF_CAR, GYRO, "sensors.odometer.scale", "model.cornering_drag", "model.yaw_lag_s"]
     values = [f"{GYRO}=1", "sensors.odometer.scale=1", "model.cornering_drag=0", "model.yaw_lag_s=0.2"]
     for seed in (1, 2):
-        run = seen_by_camera(simulate(car, of_car(60.0, seed), seed), seed)
+        run = with_camera_poses(simulate(car, of_car(60.0, seed), seed), seed)
         fit = identify(
             run,
             override(car, values),
