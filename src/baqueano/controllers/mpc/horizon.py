@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 STEPS = 12  # length of the horizon
 RESIDUALS = 4  # of a step: e / e_max (3,), and the excess of the speed
 EXCESS_M_S = 0.005  # excess of the speed with the same weight as the errors e_max
+SMOOTH_M_S = 0.01  # width of the smooth maximum; with a kink, the commands of successive ticks alternate
 NO_LIMIT = 1e6
 MAX_STEP_S = (1.0 + ROW_TOLERANCE) * MAX_ROW_S  # longest stable step of the model
 MIN_EFFORT = 1e-6  # effort instead of 0, where a motor is not differentiable
@@ -225,7 +226,8 @@ class Horizon:
                 nu_r,
                 turn_error,
             )
-            excess = np.maximum(np.abs(state.nu[0]) - np.abs(nu_r[0]) - self._catch_up_m_s, 0.0) / EXCESS_M_S
+            above = np.abs(state.nu[0]) - np.abs(nu_r[0]) - self._catch_up_m_s
+            excess = 0.5 * (above + np.sqrt(above**2 + SMOOTH_M_S**2)) / EXCESS_M_S
             residuals = [pose_error(eta_r, eta) / self._e_max, np.array([excess])]
             outputs = [*residuals, eta[:2][self._with_wall]]
             return np.concatenate(entries), np.concatenate(outputs)

@@ -8,11 +8,12 @@
     8 T ḋ = ω − ω_m − d,    ψ̇ = ω_f + d                      ω_m: the model after the sent commands           (6)
 
 x: state; p: position; v: speed; e: error from the reference; v_max = |v_r| + catch_up_m_s; E = (ε_0, ε_1, …). ε is the
-effort after the dead zone, within which a command has no effect; u = drivetrain⁻¹(ε_0). The reference at k is the
-present one, advanced with its velocity: a bend is predicted only when the reference has reached it. d: the steady error
-of the yaw rate; ω_f: yaw rate of f, from ω − d. E° is the previous plan, shifted in time; one step of (3) per tick
-follows the optimum (real-time iteration). If the solver fails, the old plan continues; after MAX_FAILURES ticks the
-drive ends. Source: Diehl, Bock and Schlöder, SIAM J. Control and Optimization, 2005; solver: Stellato et al., 2020.
+effort after the dead zone, within which a command has no effect; u = drivetrain⁻¹(ε_0). The maximum in (2) is
+smoothed. The reference at k is the present one, advanced with its velocity: a bend is predicted only when the
+reference has reached it. d: the steady error of the yaw rate; ω_f: yaw rate of f, from ω − d. E° is the previous plan,
+shifted in time; one step of (3) per tick follows the optimum (real-time iteration). If the solver fails, the old plan
+continues; after MAX_FAILURES ticks the drive ends. Source: Diehl, Bock and Schlöder, SIAM J. Control and Optimization,
+2005; solver: Stellato et al., 2020.
 """
 
 from dataclasses import dataclass
