@@ -220,12 +220,10 @@ FUNCTIONS, VALUES = (ast.FunctionDef, ast.AsyncFunctionDef), (ast.Name, ast.arg)
 
 
 def words_of(name: str) -> set[str]:
-    """Return the words of a name and the name itself; a predicate, a test, and "held_out" have none.
+    """Return the words of a name and the name itself, or nothing for a predicate, a test and "held_out".
 
-    >>> sorted(words_of("FoundCompiler"))
-    ['compiler', 'found', 'foundcompiler']
-    >>> words_of("is_known"), words_of("held_out")
-    (set(), set())
+    >>> sorted(words_of("FoundCompiler")), words_of("is_known")
+    (['compiler', 'found', 'foundcompiler'], set())
     """
     name = name.lstrip("_")
     if name.startswith(("is_", "test_")) or "heldout" in name.lower().replace("_", ""):

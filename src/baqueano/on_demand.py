@@ -7,10 +7,10 @@ This module imports only `sys` at its start, so that `import baqueano` is fast.
 """
 
 import sys
-from collections.abc import Callable
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from typing import Any
 
 _modules: "dict[str, str]" = {}  # the module of each registered name
@@ -30,7 +30,7 @@ def registered_function(name: str) -> "Callable[..., Any]":
 
 def on_demand(
     package: str, names: dict[str, tuple[str, ...]], subpackages: tuple[str, ...] = ()
-) -> Callable[[str], object]:
+) -> "Callable[[str], object]":
     """Return the `__getattr__` of a package: it imports names of its modules and its subpackages `subpackages`.
 
     "name as other" exports `name` under the name `other`. The function raises AttributeError for an unknown name.
@@ -54,7 +54,7 @@ def on_demand(
     return get
 
 
-def unknown_names(package: str) -> Callable[[str], object]:
+def unknown_names(package: str) -> "Callable[[str], object]":
     """Return the `__getattr__` of a module that imports all its names: it suggests a name, or an import to type."""
 
     def get(name: str) -> object:
@@ -90,7 +90,7 @@ def _suggestion(name: str, names: "list[str]") -> str:
 
 def front_door(
     package: str, names: dict[str, tuple[str, ...]], subpackages: tuple[str, ...]
-) -> Callable[[str], object]:
+) -> "Callable[[str], object]":
     """Return the `__getattr__` of `on_demand` for a package in which submodules and functions have the same names.
 
     The name always refers to the function, even after an import of the submodule.

@@ -46,7 +46,7 @@ def compare(*runs: Fit | Sequence[Fit] | Mapping[str, Fit], names: Sequence[str]
 
 @checked_call("bq.compare(first, second)")
 def compare(
-    *runs: Run | Fit | Sequence[Run | Fit] | Mapping[str, Run | Fit],
+    *runs: "Run | Fit | Sequence[Run | Fit] | Mapping[str, Run | Fit]",  # checked_call reads the names
     alignment: str = "none",
     interval_s: float = 1.0,
     skip_s: float = 0.0,

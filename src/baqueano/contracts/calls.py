@@ -92,7 +92,7 @@ KINDS = {  # part of an annotation → the kind
     "str": ArgumentKind(N_("a text"), lambda value: isinstance(value, str)),
     "Path": ArgumentKind(N_("a name or a path"), lambda value: isinstance(value, PurePath)),
     "ndarray": ArgumentKind(N_("an array"), _is_array),
-    "JsonObject": ArgumentKind(N_("a dict"), lambda value: isinstance(value, Mapping)),
+    "dict[str, Any]": ArgumentKind(N_("a dict"), lambda value: isinstance(value, Mapping)),
     "None": ArgumentKind("None", lambda value: value is None),
 }
 
@@ -198,7 +198,7 @@ def _annotation_kinds(annotation: object) -> tuple[ArgumentKind, ...]:
 
 def _part_kind(part: str) -> ArgumentKind | None:
     items = re.fullmatch(r"(?:Sequence|Mapping|list|dict)\[(?:str, )?(.*)\]", part)
-    if not items:
+    if part in KINDS or not items:
         return KINDS.get(part)
     kinds = _annotation_kinds(items[1])
     if not kinds:

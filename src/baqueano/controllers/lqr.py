@@ -45,7 +45,7 @@ class Lqr(ModelFollower):
     >>> path_on_the_left = Tracking(np.array([0.0, 0.1, 0.0]), 0.0, np.array([0.2, 0.0, 0.0]), 0.0, 1.0, 0.01)
     >>> _, (v, omega) = law.velocity_law(law.memory(), path_on_the_left)
     >>> print(f"{v:.2f} m/s, {omega:.2f} rad/s")
-    0.20 m/s, 2.60 rad/s
+    0.20 m/s, 3.61 rad/s
     """
 
     e_max: np.ndarray = parameter(

@@ -226,8 +226,8 @@ class Horizon:
                 nu_r,
                 turn_error,
             )
-            above = np.abs(state.nu[0]) - np.abs(nu_r[0]) - self._catch_up_m_s
-            excess = 0.5 * (above + np.sqrt(above**2 + SMOOTH_M_S**2)) / EXCESS_M_S
+            margin = np.abs(state.nu[0]) - np.abs(nu_r[0]) - self._catch_up_m_s
+            excess = 0.5 * (margin + np.sqrt(margin**2 + SMOOTH_M_S**2)) / EXCESS_M_S
             residuals = [pose_error(eta_r, eta) / self._e_max, np.array([excess])]
             outputs = [*residuals, eta[:2][self._with_wall]]
             return np.concatenate(entries), np.concatenate(outputs)

@@ -1,19 +1,18 @@
 """Model predictive control with the user's own model: optimise the commands of `horizon_s` within their limits.
 
     x_{k+1} = f(x_k, ε_k)                     the vehicle's own step, with the motors' delay and lag       (1)
-    r_k = ((e_x, e_y, e_ψ)_k / e_max,  max(|v_k| − v_max, 0),  (ε_k − ε_{k−1}) / command_change_max)       (2)
+    r_k = ((e_x, e_y, e_ψ)_k / e_max,  max⁺(|v_k| − v_max),  (ε_k − ε_{k−1}) / command_change_max)          (2)
     min over E   ½ |r(E°) + ∂r/∂E (E − E°)|²,   static(−limit) ≤ mix(ε_k) ≤ static(limit)                 (3)
                  wall_low ≤ p_k + ∂p/∂E (E − E°) ≤ wall_high                                              (4)
     ψ_r ← ψ_r + β_r − β        β: slip of the vehicle at the yaw rate of the reference, with two commands   (5)
     8 T ḋ = ω − ω_m − d,    ψ̇ = ω_f + d                      ω_m: the model after the sent commands           (6)
 
-x: state; p: position; v: speed; e: error from the reference; v_max = |v_r| + catch_up_m_s; E = (ε_0, ε_1, …). ε is the
-effort after the dead zone, within which a command has no effect; u = drivetrain⁻¹(ε_0). The maximum in (2) is
-smoothed. The reference at k is the present one, advanced with its velocity: a bend is predicted only when the
-reference has reached it. d: the steady error of the yaw rate; ω_f: yaw rate of f, from ω − d. E° is the previous plan,
-shifted in time; one step of (3) per tick follows the optimum (real-time iteration). If the solver fails, the old plan
-continues; after MAX_FAILURES ticks the drive ends. Source: Diehl, Bock and Schlöder, SIAM J. Control and Optimization,
-2005; solver: Stellato et al., 2020.
+x: state; p: position; v: speed; e: error from the reference; v_max = |v_r| + catch_up_m_s; max⁺: a smooth max(·, 0); E
+= (ε_0, ε_1, …). ε is the effort after the dead zone, within which a command has no effect; u = drivetrain⁻¹(ε_0). The
+reference at k is the present one, moved with its velocity: a bend is predicted only when the reference has reached it.
+d: the steady error of the yaw rate; ω_f: yaw rate of f, from ω − d. E° is the previous plan, shifted in time; each
+tick makes one step of (3) (real-time iteration). If the solver fails, the old plan continues; after MAX_FAILURES ticks
+the drive ends. Source: Diehl, Bock and Schlöder, SIAM J. Control Optim., 2005; solver: Stellato et al., 2020.
 """
 
 from dataclasses import dataclass

@@ -240,12 +240,11 @@ def enable_parameters(
     u: np.ndarray,
     past_rows: Callable[[float], int],
 ) -> tuple[FittedBlocks, list[FreeParameter]]:
-    """Return the blocks, changed so that every free parameter affects the output, and the parameters with the implied
+    """Return the blocks, changed so that every free parameter affects the output, and the parameters with their
     bounds. u (N, n) are all commands of the runs. `past_rows` returns the number of rows that a delay needs. A delay
     receives a buffer of past rows, and a lag of 0 starts at LAG_START_TICKS ticks. The limit of a motor stays below
-    the largest command, because otherwise the data cannot determine it. A free effect of the battery uses the logged
-    voltage. Bounds on friction keep the motion integrable within a tick. Raise UsageError for a free friction of the
-    wheels if the track is 0."""
+    the largest command, else the data cannot determine it. A free effect of the battery uses the logged voltage.
+    Bounds on friction keep the motion integrable within a tick. Raise UsageError for free wheel friction at track 0."""
     paths, low, high = [parameter.path for parameter in free], {}, {}
     if any(path.startswith(WHEEL_FRICTIONS) for path in paths) and blocks.model.friction.track_m == 0.0:
         raise UsageError.of("parameter.no-track")
