@@ -8,9 +8,10 @@ The tests are for the terms of unmodelled_terms.py, and for a change of each par
 parts are the first 1/4 to 3/4 of the time, each run, and kinds of motion, such as forward, left or fast. A result
 needs a p-value below 1/40,000, because there are some 250 tests (a low-pass of the IMU: 1/300). Also, a parameter
 must shift by more than 2 standard errors and 2 %, or differ between parts by more than 5 %. The covariance contains
-the shifts, and for parts those to both values. γ(1), the covariance of neighbouring residuals, is motion outside the
-model. If it is above 5 % of the predicted motion, or 0.5 % with (2) above 1.3, parameters are not accurate to 5 %.
-Outliers during fast changes of the prediction (3) mean a wrong delay or a model that is too simple.
+the shifts, and for parts those to both values. A later drive has a value between both, so 1/√3 of these shifts is in
+the error of the speed. γ(1), the covariance of neighbouring residuals, is motion outside the model. If it is above 5 %
+of the predicted motion, or 0.5 % with (2) above 1.3, parameters are not accurate to 5 %. Outliers during fast changes
+of the prediction (3) mean a wrong delay or a model that is too simple.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,6 +20,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from baqueano.calibration.tolerances import tolerance_std
 from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.estimators.augmented.motion import MIN_SPEED_M_S
 from baqueano.identify.data.record import FittedBlocks
@@ -122,6 +124,7 @@ def check_residuals(
     diagnosis.lag_errors[index] = sum(lag.shift for lag in lags)
     all_shifts, speeds = np.zeros((len(shifts), s)), [np.zeros((2, 2)), *(effect.speed for effect in effects)]
     all_shifts[:, index] = shifts
+    all_shifts[len(shifts) - sum(len(result.effects) for result in differences) :] *= tolerance_std(1.0)
     run_errors = np.zeros(is_run_entry.size)
     run_errors[is_run_entry.ravel()] = np.max([np.abs(effect.run) for effect in effects], axis=0, initial=0.0)
     return diagnosis._replace(shifts=all_shifts, speed_changes=np.array(speeds), run_errors=run_errors)
@@ -163,7 +166,7 @@ class Diagnosis(NamedTuple):
     messages: list[Diagnostic]
     unmodelled_cov: np.ndarray  # (s, s) covariance by effects that the model lacks
     lag_errors: np.ndarray  # (s,) errors of θ by a short lag that the file lacks
-    shifts: np.ndarray  # (n, s) change of θ by each of these effects
+    shifts: np.ndarray  # (n, s) standard deviation of the change of θ by each of these effects
     speed_changes: np.ndarray  # (n, 2, 2) change of ν_x by the effect itself: `lines_by_sign`
     run_errors: np.ndarray | float = 0.0  # (runs q,) largest change of the entries of each run by an effect
 

@@ -79,7 +79,8 @@ class Fit(Result):
     unmodelled_cov : ndarray (p, p)
         Part of `cov` by effects that the model lacks [products of units]; NaN if not identifiable.
     unmodelled_shifts : ndarray (n, p)
-        Change of the estimates by each of these effects [unit of each], if its effect on the speed is known.
+        Change of the estimates by each of these effects [unit of each], if its effect on the speed is known;
+        divided by √3 for a difference between parts of the run.
     unmodelled_speeds : ndarray (n, 2, 2)
         Change of the speed by the effect itself, forward and backward: part of |ν_x| [no unit], and constant [m/s].
     fixed : FixedParameters
