@@ -8,7 +8,7 @@ import pytest
 from baqueano.block_checks import check
 from baqueano.errors import FileError
 from baqueano.vehicle_file import garage_names, load
-from tests.codes import includes, refused
+from tests.codes import includes, refused, within
 
 DT_S = 0.01
 
@@ -103,6 +103,17 @@ def test_a_name_without_its_ending_is_answered_with_the_file_in_the_folder(tmp_p
     with refused("vehicle.unknown", FileError) as error:
         load("vehicle")
     assert includes(error.value.diagnostic, "name.near", match="vehicle.toml")
+
+
+def test_only_vehicle_files_are_proposed_for_an_unknown_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "map.toml").write_text("[tags]\n", encoding="utf-8")
+    (tmp_path / "mine.toml").write_text('[model]\nkind = "planar"\n', encoding="utf-8")
+    with refused("vehicle.unknown", FileError) as error:
+        load("smal")
+    (proposal,) = (cause for cause in within(error.value.diagnostic) if cause.code == "name.near")
+    assert (proposal.figures["match"], "mine.toml" in str(proposal.figures["valid"])) == ("small", True)
+    assert "map.toml" not in str(proposal.figures["valid"])
 
 
 def test_a_missing_file_is_reported_with_a_similar_name(tmp_path):

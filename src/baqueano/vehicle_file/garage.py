@@ -1,11 +1,13 @@
 """Provide the vehicle files of the package, named without path or extension: `load("small")`."""
 
+import re
 from pathlib import Path
 
 from baqueano.diagnostics import nearest
 from baqueano.errors import FileError
 
 GARAGE_FOLDER = Path(__file__).parents[1] / "garage"
+MODEL_TABLE = re.compile(rb"^\s*\[\s*model\s*[].]", re.M)  # a map or a route lacks it
 
 
 def names() -> tuple[str, ...]:
@@ -42,7 +44,7 @@ def resolve_path(source: str | Path) -> Path:
         if not file_names:
             raise FileError.of("vehicle.folder-empty", "baqueano new mylab", path=path)
         raise FileError.of("vehicle.folder", path=path, files=file_names)
-    neighbours = sorted(p.name for p in path.parent.glob("*.toml")) if path.parent.is_dir() else []
+    neighbours = _vehicle_files(path.parent)
     if is_run_name:
         suggestion = nearest(str(source), [*neighbours, *names()])
         raise FileError.of(
@@ -51,3 +53,9 @@ def resolve_path(source: str | Path) -> Path:
     raise FileError.of(
             "vehicle.absent", "baqueano new mylab", absent_path=path, value=path.name,
             suggestion=nearest(path.name, [*neighbours, *names()]))  # fmt: skip
+
+
+def _vehicle_files(folder: Path) -> list[str]:
+    """Return the names of the vehicle files in a folder, even of those with errors; [] without the folder."""
+    paths = sorted(p for p in folder.glob("*.toml") if p.is_file())
+    return [p.name for p in paths if MODEL_TABLE.search(p.read_bytes())]
