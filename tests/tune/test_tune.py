@@ -320,6 +320,7 @@ def test_a_route_faster_than_the_vehicle_is_refused(small):
         ({"huber_m": 0.0}, ("tune.weights", {"huber_m": 0.0, "jerk_m2": 0.1})),
         ({"draws": 3}, ("simulate.no-covariance", {})),
         ({"laps": 0}, ("simulate.never-done", {})),
+        ({"starts": 0}, ("tune.starts", {"starts": 0})),
         ({"seeds": 0}, ("tune.nothing-to-drive", {"routes": 1, "seeds": 0})),
     ],
 )

@@ -53,7 +53,7 @@ def tune(
     route : Route or guide, or sequence of them
         The routes to follow; the cost is the mean over them.
     starts : int
-        Number of descents, in addition to one descent from the gains of the file.
+        Number of descents, at least 1, in addition to one descent from the gains of the file.
     polish : bool
         Continue the search without gradients if the cost is rough; this takes up to ten times as long.
     controller : str, type or block, optional
@@ -85,7 +85,7 @@ def tune(
     Raises
     ------
     UsageError
-        For a gain that the controller lacks, wrong bounds, or a vehicle that diverges with all gains.
+        For a gain that the controller lacks, wrong bounds, starts below 1, or a vehicle that diverges with all gains.
 
     References
     ----------
@@ -100,6 +100,8 @@ def tune(
     >>> result.cost < result.cost_before, result.gains[0].unit
     (True, '1/s')
     """
+    if starts < 1:
+        raise UsageError.of("tune.starts", starts=starts)
     rehearsal = tuning_objective(vehicle_file, route, **options)
     file_gains = rehearsal.space.file_gains
     initial_gains = [file_gains] if np.all(np.isfinite(file_gains)) else []
