@@ -61,6 +61,8 @@ class Parameter(NamedTuple):
         Name of the term that `choose` can add; entries and fields with the same name belong to one term.
     start : tuple of float
         Values from which a search begins [unit of the field].
+    requires : str
+        Field of the same block without which it has no effect; `choose` tries it after the term of that field.
     shown_by : str or tuple of str
         The motion that makes it identifiable.
     measured_by : str
@@ -95,6 +97,7 @@ class Parameter(NamedTuple):
     neutral: float | None = None
     term: Words = ""
     start: tuple[float, ...] = ()
+    requires: str = ""
     shown_by: Words = ""
     measured_by: str = ""
     symbol: Words = ""

@@ -19,18 +19,21 @@ from baqueano.identify.battery import separation_problem
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.messages import text
 from baqueano.messages.language import use_language
+from baqueano.parameter import parameters
 from baqueano.runs import write_run
 from baqueano.runs.run import Channel
 from baqueano.selection.choose import choose
 from baqueano.selection.cross_validation import Score, paired_comparison
 from baqueano.selection.terms import Term, vehicle_terms, without_terms
 from baqueano.simulate import simulate
+from baqueano.study.faults.subject import subject
 from baqueano.study.identification.trials import draw_robot, initial_file, quantised_commands
 from baqueano.vehicle_file import load
 from tests.codes import of_code
 from tests.identify.true_drives import group_runs
 
 USE = ("odometer", "imu[2]")
+COMMANDS = np.concatenate([np.eye(3), -np.eye(3)])
 RATE = {name: 25.0 for name in ("rate_hz", "sensors.imu.rate_hz", "sensors.odometer.rate_hz")}
 DRY = {
     "model.coulomb_m_s2": 0.4,
@@ -145,6 +148,24 @@ def test_a_term_at_its_bound_is_refused(dry, file):
         "bound.high-held",
         "model.coulomb_m_s2",
     )
+
+
+@pytest.mark.parametrize("emf", [1.0, 0.0])
+def test_a_back_emf_is_chosen_if_the_current_lags(emf):
+    case, names = subject("robot", 502), ["motor lag", "back-EMF behind the lag"]
+    u = case.signal(20.0)
+    (run,) = case.runs([case.vehicle.with_parameters(lagging_emf=np.full(1, emf))], [u], [u])
+    free = ["model.actuator_matrix[0,0]", "model.actuator_matrix[2,2]", "model.friction.linear"]
+    choice = choose(run, case.vehicle_file, names, free=free)
+    assert choice.selected_terms == tuple(names[: 1 + round(emf)])
+
+
+def test_a_term_is_tried_only_with_the_term_that_it_requires(small):
+    terms = {term.name: term for term in vehicle_terms(FittedBlocks(small.vehicle, small.sensors), COMMANDS)}
+    assert terms["back-EMF behind the lag"].requires == terms["motor lag"].paths[0]
+    assert terms["delay"].requires == ""
+    names = {p.term for _, p in parameters(small.vehicle.drivetrain) if p.term}
+    assert names - terms.keys() == {"servo lag"}  # without a servo
 
 
 def test_a_term_that_duplicates_a_fitted_parameter_is_refused(dry, file):

@@ -246,7 +246,9 @@ class _ModelSelection:
         """Add a term per round until none improves the model significantly; exclude the `excluded_names` terms.  (2)"""
         while True:
             have = {path for term in model.terms for path in term.paths}
-            open_ = [t for t in self.terms if t.name not in excluded_names and not have.intersection(t.paths)]
+            fields = {path.partition("[")[0] for path in have} | {""}
+            open_ = [t for t in self.terms if t.name not in excluded_names and t.requires in fields]
+            open_ = [term for term in open_ if not have.intersection(term.paths)]
             tries = []
             for term in open_:
                 self.progress(_("{terms} terms: trying {term}", terms=len(model.terms), term=_(term.name)))

@@ -21,15 +21,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from baqueano.contracts.optional import attribute
 from baqueano.contracts.values import JsonObject, Tree
 from baqueano.diagnostics import nearest
 from baqueano.errors import UsageError
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import (
     BATTERY_EFFECT,
-    DELAY_PATH,
     LAG_PATH,
-    MAX_DELAY_S,
     SERVO_LAG_PATH,
     WHEEL_FRICTIONS,
     default_free,
@@ -42,16 +41,15 @@ from baqueano.identify.parameters.free import (
     value,
 )
 from baqueano.messages.language import mark as N_
-from baqueano.parameter import all_parameters
+from baqueano.parameter import Parameter, all_parameters, parameters
 from baqueano.symbolic import compile_block, value_at_path, with_value
 from baqueano.vehicle_file import VehicleFile
 from baqueano.vehicles.freedoms import with_ideal_drivetrain
 
-# between starts of a delay: half a period of the fastest command that is followed, 20 Hz
-DELAY_GRID_S = 0.025
 TRIAL_S, TICK_S, SHORT_STEP_S = 1.0, 0.005, 1e-6  # of (1): duration, step, and the step for the change of ν̇
 SPEED_FRACTIONS, UNIT_STEP = (0.1, 0.3), 1e-3  # of (1)
 MIN_LAG_S = 1e-5  # without effect, but not 0, so that it can be varied
+LAGS = ("lag_s", "servo_lag_s")
 DEAD_ZONE_PATHS = ("model.drivetrain.dead_zone_forward", "model.drivetrain.dead_zone_backward")
 
 
@@ -62,6 +60,7 @@ class Term(NamedTuple):
     paths: tuple[str, ...]  # (q,) with entries
     neutral: tuple[float, ...]  # (q,) values at which the term does not have an effect
     starts: tuple[tuple[float, ...], ...]  # (k, q) starts of the searches
+    requires: str = ""  # field of the term without which this term has no effect
 
 
 def minimal_free(vehicle_file: VehicleFile, free: Sequence[str] | None, u: np.ndarray) -> list[str]:
@@ -103,7 +102,7 @@ def with_term_slots(blocks: FittedBlocks, terms: Sequence[Term]) -> FittedBlocks
         return blocks
     changes: JsonObject = {}
     requested_paths = {path.partition("[")[0] for term in terms for path in term.paths}
-    for name in ("lag_s", "servo_lag_s"):
+    for name in LAGS:
         if f"model.drivetrain.{name}" in requested_paths and getattr(drivetrain, name) == 0.0:
             changes[name] = MIN_LAG_S
     for field in (*DEAD_ZONE_PATHS, "model.drivetrain.gain"):
@@ -178,9 +177,13 @@ def _drive(model: Tree, w: np.ndarray, u: np.ndarray) -> _TermMotion:
 def _field_terms(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[Term]:
     """Return the terms that the fields of the model define.  (1)"""
     by_name: dict[str, list[tuple[str, float, tuple[float, ...]]]] = {}
+    requires: dict[str, str] = {}
     has_track = getattr(getattr(blocks.model, "friction", None), "track_m", 0.0) != 0.0
     for field, p in all_parameters(blocks.model, "model"):
-        if not p.term or p.role == "gain" or (field.startswith(WHEEL_FRICTIONS) and not has_track):
+        is_of_drivetrain = field.startswith("model.drivetrain.")
+        if not p.term or is_of_drivetrain or p.role == "gain":
+            continue
+        if field.startswith(WHEEL_FRICTIONS) and not has_track:
             continue
         for path in entries(blocks, field):
             neutral = value(blocks, path) if p.neutral is None else p.neutral
@@ -188,10 +191,16 @@ def _field_terms(blocks: FittedBlocks, motions: Sequence[_TermMotion]) -> list[T
             if starts:
                 name = entry_text(p.term, free_parameter(blocks, path, {}).entry)
                 by_name.setdefault(name, []).append((path, neutral, starts))
+                requires[name] = _required_field(field, p)
     return [
-        Term(name, tuple(paths), tuple(neutral), tuple(zip(*starts, strict=True)))
+        Term(name, tuple(paths), tuple(neutral), tuple(zip(*starts, strict=True)), requires[name])
         for name, (paths, neutral, starts) in ((k, zip(*group, strict=True)) for k, group in by_name.items())
     ]
+
+
+def _required_field(field: str, p: Parameter) -> str:
+    """Return the path of the field without which the parameter `field` has no effect; "" for none."""
+    return f"{field.rpartition('.')[0]}.{p.requires}" if p.requires else ""
 
 
 def _search_starts(
@@ -239,18 +248,23 @@ def _drivetrain_terms(model: Tree, motions: Sequence[_TermMotion], battery: bool
     if len(terms) == 2:
         paths, starts = terms[0].paths + terms[1].paths, zip(terms[0].starts, terms[1].starts, strict=True)
         terms.insert(0, Term(N_("dead zone"), paths, (0.0,) * len(paths), tuple(a + b for a, b in starts)))
-    terms.append(_term(N_("motor lag"), LAG_PATH, 0.05)._replace(neutral=(MIN_LAG_S,)))
-    if model.drivetrain.servos:
-        terms.append(_term(N_("servo lag"), SERVO_LAG_PATH, 0.05)._replace(neutral=(MIN_LAG_S,)))
-    delays_s = ((k + 0.5) * DELAY_GRID_S for k in range(round(MAX_DELAY_S / DELAY_GRID_S)))
-    terms.append(_term(N_("delay"), DELAY_PATH, *delays_s))
+    for name, p in parameters(model.drivetrain):
+        if p.term and p.start and _has_effect(model, name):
+            none = MIN_LAG_S if name in LAGS else p.neutral
+            path, starts = f"model.drivetrain.{name}", tuple((x,) for x in p.start)
+            terms.append(Term(p.term, (path,), (none,), starts, _required_field(path, p)))
     if model.drivetrain.mixing == "two_wheels":
-        gain = Term(N_("unequal motors"), ("model.drivetrain.gain[1]",), (1.0,), ((1.02,),))
-        terms += [gain, _term(N_("battery sag"), "model.drivetrain.sag", 0.05)]
+        terms.append(Term(N_("unequal motors"), ("model.drivetrain.gain[1]",), (1.0,), ((1.02,),)))
     if battery:
-        terms.append(_term(N_("battery voltage"), BATTERY_EFFECT, 0.5, 1.0))
+        terms.append(Term(N_("battery voltage"), (BATTERY_EFFECT,), (0.0,), ((0.5,), (1.0,))))
     return terms
 
 
-def _term(name: str, path: str, *starts: float) -> Term:
-    return Term(name, (path,), (0.0,), tuple((float(start),) for start in starts))
+def _has_effect(model: Tree, name: str) -> bool:
+    """Return True if a field of the drivetrain can affect the motion of this model."""
+    drivetrain = model.drivetrain
+    if name == "servo_lag_s":
+        return drivetrain.servos > 0
+    if name == "back_emf_share":
+        return attribute(model, "viscous_effort") is not None
+    return name != "sag" or drivetrain.mixing == "two_wheels"

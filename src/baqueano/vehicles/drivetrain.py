@@ -39,6 +39,9 @@ MIN_DUTY = 1e-3  # keeps (6) finite without a command
 TURN_RESERVE = 0.02  # of a wheel's range, kept for the turn
 DEAD_ZONE_RAMP = 0.02  # of a channel: below this, the inverse of a dead zone is a ramp without a jump
 BATTERY_MODES = ("steady", "logged")
+LARGEST_DELAY_S = 2.0
+# the cost has a kink at every whole tick; the distance is half a period of the fastest command that is followed, 20 Hz
+DELAY_STARTS_S = tuple((k + 0.5) * 0.025 for k in range(10))
 
 
 class DrivetrainState(NamedTuple):
@@ -152,22 +155,25 @@ class Drivetrain:
         "1", "1 if a motor coasts between pulses, 0 if it brakes (kinematic)", low=0.0, high=1.0,
         default=(0.0,), shape=None, role="term", symbol="g_{c}",
     )  # fmt: skip
-    delay_s: float = parameter(
-        "s", "delay from command to motor", low=0.0, high=2.0, default=0.0, role="known",
-        shown_by="sudden changes of the command", symbol=r"\Delta t",
-    )  # fmt: skip
     lag_s: float = parameter(
         "s", "time constant of the motors", low=0.0, high=10.0, default=0.0, role="term",
-        shown_by="sudden changes of the command", symbol=r"\tau", label="lag of the motors",
+        term="motor lag", start=(0.05,), shown_by="sudden changes of the command", symbol=r"\tau",
+        label="lag of the motors",
     )  # fmt: skip
     servo_lag_s: float = parameter(
         "s", "time constant of the servos", low=0.0, high=10.0, default=0.0, role="term",
-        shown_by="steering during stops, followed by starts", symbol=r"\tau_{s}", label="lag of the servo",
+        term="servo lag", start=(0.05,), shown_by="steering during stops, followed by starts",
+        symbol=r"\tau_{s}", label="lag of the servo",
+    )  # fmt: skip
+    delay_s: float = parameter(
+        "s", "delay from command to motor", low=0.0, high=LARGEST_DELAY_S, default=0.0,
+        role="known", neutral=0.0, term="delay", start=DELAY_STARTS_S, shown_by="sudden changes of the command",
+        symbol=r"\Delta t",
     )  # fmt: skip
     back_emf_share: float = parameter(
         "1", "fraction of the viscous drag that is back-EMF, behind the lag of the motors", low=0.0, high=10.0,
-        default=0.0, role="term", shown_by="sudden changes of the command", symbol="e",
-        label="back-EMF behind the lag",
+        default=0.0, role="term", term="back-EMF behind the lag", start=(1.0,), requires="lag_s",
+        shown_by="sudden changes of the command", symbol="e", label="back-EMF behind the lag",
     )  # fmt: skip
     battery_v: float = parameter("V", "voltage of the battery", low=0.1, high=1e3, default=6.0, role="known")
     battery_nominal_v: float = parameter(
@@ -180,7 +186,8 @@ class Drivetrain:
     )  # fmt: skip
     sag: float = parameter(
         "1", "fraction of the voltage lost at full command", low=0.0, high=0.9, default=0.0, role="known",
-        shown_by="small commands and the largest ones", symbol="s_{b}",
+        neutral=0.0, term="battery sag", start=(0.05,), shown_by="small commands and the largest ones",
+        symbol="s_{b}",
     )  # fmt: skip
 
     def __post_init__(self) -> None:
