@@ -5,7 +5,8 @@ ticks.
 import numpy as np
 import pytest
 
-from baqueano.identify import FitOptions, identify, random_steps
+from baqueano.identify import FitOptions, identifiability, identify, random_steps
+from baqueano.identify.identifiability import larger_bound
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, override
@@ -44,6 +45,45 @@ def test_a_delay_of_zero_is_identified_as_zero():
     assert fit.converged
     assert abs(estimate) < 2e-4
     assert bound in (-1, 0)
+
+
+def drive_late(delay_s, seconds):
+    """Return a short run of a vehicle with a delay."""
+    truth = override(small, [f"{DELAY_PATH}={delay_s}"])
+    return simulate(truth, random_steps(truth.command.limit, seconds, 100.0, 1, hold_s=0.5), 1)
+
+
+def test_a_delay_at_its_default_bound_is_reported_with_the_larger_bound():
+    option, run = f"--bound {DELAY_PATH}=0,0.5", drive_late(0.4, 4.0)
+    fit = identify(run, small, FREE)
+    (message,) = (m for m in (*fit.reasons, *fit.notes) if m.subject == DELAY_PATH and m.code[:5] == "bound")
+    assert (message.code, message.fix) == ("bound.high-default", option)
+    bounds = {DELAY_PATH: tuple(map(float, option.partition("=")[2].split(",")))}
+    fit = identify(run, small, FREE, options=FitOptions(bounds=bounds))
+    assert abs(fit.value(DELAY_PATH) - 0.4) < 1e-3
+
+
+def test_a_free_delay_that_is_not_identifiable_is_not_advised_to_be_free(monkeypatch):
+    """It is fixed at its start, so the residuals show a delay. The advice was to free it."""
+    assess = identifiability.assess_identifiability
+
+    def without_delay(info, energy, theta, free, *others):
+        result = assess(info, energy, theta, free, *others)
+        is_delay = [parameter.path == DELAY_PATH for parameter in free]
+        return result._replace(mask=result.mask & ~np.array(is_delay + [False] * (len(theta) - len(free))))
+
+    monkeypatch.setattr(identifiability, "assess_identifiability", without_delay)
+    fit = identify(drive_late(0.04, 6.0), small, FREE)
+    (unidentified,) = (m for m in fit.unobservable if m.subject == DELAY_PATH)
+    assert unidentified.figures["advice"].fix == f"--bound {DELAY_PATH}=0,0.5"
+    fixes = {m.fix for m in fit.reasons if m.fix}
+    assert f"--bound {DELAY_PATH}=0,0.5" in fixes
+    assert not any(f"+{DELAY_PATH}" in fix for fix in fixes)
+
+
+def test_a_delay_at_the_bound_of_its_field_has_no_larger_bound():
+    assert larger_bound(DELAY_PATH, 1.5) == f"--bound {DELAY_PATH}=0,2"
+    assert larger_bound(DELAY_PATH, 2.0) == larger_bound(LAG_PATH, 1.0) == ""
 
 
 LAG_PATH = "model.drivetrain.lag_s"

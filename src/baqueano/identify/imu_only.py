@@ -37,8 +37,7 @@ from baqueano.vehicles.freedoms import tyre_paths
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-# options that are allowed in a gyro-aided fit
-ALLOWED_OPTIONS = "fixed", "bounds", "start", "gyro_leads", "backend"
+ALLOWED_OPTIONS = "fixed", "bounds", "start", "gyro_leads", "backend"  # in a gyro-aided fit
 
 
 def gyro_leads(

@@ -67,6 +67,7 @@ CALLS = {  # words of a line → call; {0} is the first argument, and {name} the
     "--free": "free=[{free}]",
     "--use": "use=[{use}]",
     "--fix": "options=bq.FitOptions(fixed=[{fix}])",
+    "--bound": "options=bq.FitOptions(bounds={{{bound}}})",
     "--per-run": "options=bq.FitOptions(per_run=[{per-run}])",
     "--clock": "options=bq.FitOptions(clocks=[{clock}])",
     "--cost": "options=bq.FitOptions(cost={cost})",
@@ -135,6 +136,9 @@ def python_call(line: str) -> str:
     key = max(keys, key=lambda key: len(key.split()))
     word_count = sum(not word.startswith("--") for word in key.split())
     values = {name.removeprefix("--"): ", ".join(map(_literal, words)) for name, words in options.items()}
+    for word in options.get("--bound", []):
+        path, _, limits = word.partition("=")
+        values["bound"] = f'"{path}": ({limits.replace(",", ", ")})'
     if "--set" in options:
         pairs = [word.partition("=") for word in options["--set"]]
         values["set"] = ", ".join(f'"{path}": {_literal(value)}' for path, _, value in pairs)

@@ -37,6 +37,7 @@ from baqueano.identify.parameters.free import (
 from baqueano.identify.parameters.theta import fit_parameters
 from baqueano.identify.residuals.informative_rows import min_sigma
 from baqueano.identify.result.fit_result import Fit
+from baqueano.identify.result.verdict import active_bound
 from baqueano.messages import text
 from baqueano.messages.language import translate as _
 from baqueano.numerics.least_squares import Solution
@@ -336,8 +337,7 @@ class _ModelSelection:
         if neutral.all():
             return Decision.EXCLUDED, note("term.best-without")
         for k in entries[(bound[entries] != 0) & ~neutral]:
-            code = "bound.low-held" if bound[k] < 0 else "bound.high-held"
-            return Decision.REFUSED, note(code, subject=self.paths[k], bound=theta[k])
+            return Decision.REFUSED, active_bound(self.paths[k], float(theta[k]), bound[k] < 0)
         free_entries = np.flatnonzero(
             is_free & (np.diagonal(A) > 0.0) & ~np.isin(np.arange(len(is_free)), entries) & (bound == 0)
         )

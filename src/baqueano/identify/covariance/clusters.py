@@ -24,8 +24,7 @@ from baqueano.numerics.statistics import HUBER, change_covariance
 if TYPE_CHECKING:
     from baqueano.identify.covariance.information import Information
 
-# derivatives beyond it belong to a model that diverged; their squares are still finite
-MAX_DERIVATIVE = 1e100
+MAX_DERIVATIVE = 1e100  # a larger one belongs to a model that diverged; its square is still finite
 BLOCK_S = 2.0  # one minute contains more blocks than a fit has parameters
 MIN_BLOCKS, MAX_BLOCKS = 10, 60  # blocks
 MIN_SEGMENTS = 3  # fewer segments agree or disagree by chance

@@ -25,6 +25,7 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.estimators.augmented.motion import MIN_SPEED_M_S
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics.unmodelled_terms import Effect, FittedMotion, fitted_motion, term_columns
+from baqueano.identify.identifiability import larger_bound
 from baqueano.identify.parameters.free import BACK_EMF_PATH, DELAY_PATH, LAG_PATH, SERVO_LAG_PATH
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import dot
@@ -104,7 +105,8 @@ def check_residuals(
     nu_x = np.zeros(len(fit.run)) if motion is None else motion.nu[:, 0]
     is_run_entry = identifiable[s : problem.layout.first_start].reshape(problem.layout.run_count, -1)
     count = int(is_run_entry.any(axis=1).sum())
-    fit_evidence = _FitEvidence(fit, paths, theta[index], std[index], low, high, nu_x, count)
+    free = dict(zip(problem.shape.shared_paths, bounds[1][:s].tolist(), strict=True))
+    fit_evidence = _FitEvidence(fit, paths, theta[index], std[index], low, high, nu_x, count, free)
     messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(fit_evidence, motion)
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
     missing_terms = _missing_terms(fit_evidence, tests, blocks.model)
@@ -204,6 +206,7 @@ class _FitEvidence(NamedTuple):
     high: np.ndarray  # (k,)
     nu_x: np.ndarray  # (N,) speed of the model
     run_count: int  # runs with entries of their own, the last nuisances of `residuals`
+    free: dict[str, float]  # path of each free parameter, also if it is not identifiable → its upper bound
 
     def effect(self, test: ScoreTest, speed: np.ndarray | float = 0.0) -> _FitChange:
         """Return the change of the fit by an effect, within the bounds of θ. `speed` is that of its term."""
@@ -233,10 +236,10 @@ def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -
         if not (abs(test.z) > LOW_PASS_Z if is_filter else fit.is_significant(test)):
             continue
         effect = fit.effect(test, speed)
-        k, fix = fit.most_biased(effect.shift), _fix(term_note, fit.paths, model)
+        k, fix = fit.most_biased(effect.shift), _fix(term_note, fit, model)
         if code in UPHILL_RAD and fix:
             fix += SLOPE_START.format(UPHILL_RAD[code][int(test.size < 0.0)])
-        tyre = next((path for path in tyre_paths(model) if path not in fit.paths), "")
+        tyre = next((path for path in tyre_paths(model) if path not in fit.free), "")
         if tyre and test.z < 0.0 and code in TYRE_TERMS:
             fix = f"--free +{tyre}"
         if code == "delay" and not fix:
@@ -251,10 +254,11 @@ def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -
     return results
 
 
-def _fix(term_note: Diagnostic, paths: Sequence[str], model: DynamicVehicle) -> str:
+def _fix(term_note: Diagnostic, fit: _FitEvidence, model: DynamicVehicle) -> str:
     """Return the options that add an effect to the model; "" without such options, or if its key is already free. If
-    the delay of the commands is fixed, a clock offset would replace it, so both are estimated."""
-    free_keys = {path.partition("[")[0] for path in paths}
+    the delay of the commands is fixed, a clock offset would replace it, so both are estimated. A free delay that is not
+    identifiable needs a larger bound."""
+    free_keys = {path.partition("[")[0] for path in fit.free}
     if term_note.code == "term.delay-of-sensor":
         return f"{'' if DELAY_PATH in free_keys else f'--free +{DELAY_PATH} '}--clock {term_note.subject}"
     keys = TERM_KEYS.get(term_note.code, "").format(sensor=term_note.subject).split()
@@ -263,7 +267,8 @@ def _fix(term_note: Diagnostic, paths: Sequence[str], model: DynamicVehicle) -> 
         keys = [speed for path, speed in sign_speed_paths(model).items() if path in free_keys][:1]
     model_keys = dict(all_parameters(model, "model"))
     new = [key for key in keys if key not in free_keys and (key in model_keys or key.startswith("sensors."))]
-    return " ".join(f"--free +{key}" for key in new)
+    bounds = [larger_bound(key, fit.free[key]) for key in keys if key in fit.free.keys() - {*fit.paths}]
+    return " ".join([*(f"--free +{key}" for key in new), *filter(None, bounds)])
 
 
 def _place_text(code: str) -> Diagnostic | str:

@@ -35,9 +35,7 @@ MAX_FINE_TICKS = 6  # ticks that (2) searches
 MAX_EVALUATIONS = 8  # evaluations at one delay: the next delay begins where they end
 EDGE_TICKS = 1e-6  # fraction of a tick: least distance from a whole tick, where the derivative is one-sided
 MAX_STEPS = 6  # largest number of ticks by which (4) moves
-JUMP_LOG_SIGMA = (
-    1e-2  # a smaller difference of Σ counts log σ at a whole tick is a kink of the cost, not a jump
-)
+JUMP_LOG_SIGMA = 1e-2  # a smaller difference of Σ counts log σ at a whole tick is a kink, not a jump
 DUTY_STEP_PATH = "model.drivetrain.duty_step"
 TIMERS = (255, 100, 1023)  # 8 bits, per cent, 10 bits
 MIN_COST_GAIN = 25.0

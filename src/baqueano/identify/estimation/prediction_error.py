@@ -37,8 +37,7 @@ BETA = 0.8797543464799179  # E ψ e of a normal e
 TAU = 0.9025241522034412  # E ψ²/E ψ' of a normal e
 MAX_LOG_NOISE = 7.0  # of ½ log q: e⁷ is a thousand times the noise
 TOLERANCE = 1e-7  # decrement at the end
-# number of evaluations, in total and between two progress messages
-MAX_EVALUATIONS, EVALUATION_BATCH = 60, 15
+MAX_EVALUATIONS, EVALUATION_BATCH = 60, 15  # in total, and between two progress messages
 R = TypeVar("R")
 
 

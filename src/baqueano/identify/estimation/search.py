@@ -26,8 +26,7 @@ NEAR_CHANGE = 0.2  # relative change below which the next round is run to its en
 ROUGH_DECREMENT, FINE_DECREMENT = 1e-1, 1e-7  # decrements while σ is still moving, and at the end
 ROUND_EVALUATIONS = 20  # evaluations while σ is still moving
 GAIN_NAMES = ("actuator_matrix", "velocity_matrix", "throttle_gain")
-# fraction of a channel's own spread: with larger autocorrelated residuals a search is not sound
-MAX_RESIDUAL_SHARE = 0.14
+MAX_RESIDUAL_SHARE = 0.14  # of a channel's spread: with larger autocorrelated residuals a search is not sound
 EQUAL_LOG_SIGMA = 1e-3  # difference of the logarithm of σ: results that are closer are treated as equal
 DROPPED_LOG_SIGMA = 0.7  # difference of the logarithm of σ: a rough result that is worse by more is dropped
 RESTART_FACTORS = (1.0, 0.25, 4.0)  # factors on all but the gains, if the search begins again without force

@@ -37,8 +37,7 @@ SPEED_BLOCK_S = 10.0
 FORWARD = 0  # the entry of ν
 BLOCK_S = 2.0  # longer than innovations are correlated
 CLOSE_FACTOR = 1.2  # factor on a variance: a smaller error does not degrade a filter
-# factor on the variance of a state: larger, because consider scales and slips are partly nonlinear
-DRIVE_CLOSE_FACTOR = 1.5
+DRIVE_CLOSE_FACTOR = 1.5  # on the variance of a state, because consider scales and slips are partly nonlinear
 STATES = ("x", "y", N_("heading"), "v_x", "v_y", N_("yaw rate"))
 
 

@@ -51,8 +51,7 @@ from baqueano.vehicles.freedoms import coasting_axes
 BIASES = ("accel_bias", "gyro_bias")
 POSE_SEGMENT_S = 5.0  # length of a segment if a pose is used: a simulated heading drifts away
 LEAD_LAGS = 8.0  # lags of the motors, after which 3e-4 of their earlier state remains
-# number of entries of segments above which (3) is faster than one solve of full size
-MIN_SEGMENT_ENTRIES = 48
+MIN_SEGMENT_ENTRIES = 48  # of all segments; with more, (3) is faster than one solve of full size
 START_NAMES = ("nu_x", "nu_y", "nu_psi", "x", "y", "psi")
 
 

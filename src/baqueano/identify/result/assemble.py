@@ -36,8 +36,7 @@ from baqueano.sensors.sampling import is_imu
 from baqueano.vehicle_file.provenance import is_measured
 from baqueano.vehicles.freedoms import damping_derivatives, sign_speed_paths
 
-# standard errors beyond its bound: a parameter that would move less can be at its bound by chance
-MAX_BOUND_EXCESS_SIGMA = 3.0
+MAX_BOUND_EXCESS_SIGMA = 3.0  # a parameter that would move less can be at its bound by chance
 EXPERIMENT = "baqueano experiment --signal designed --rounds 3 --update"
 
 

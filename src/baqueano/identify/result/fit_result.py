@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from baqueano.vehicle_file.envelope import Envelope
 
 MAX_LISTED_RUNS = 8  # runs, above which a table summarises them
-# lines of each: with the verdict and the line on the others at most 14
-MAX_REASONS, MAX_UNOBSERVABLE, MAX_NOTES = 5, 3, 4
+MAX_REASONS, MAX_UNOBSERVABLE, MAX_NOTES = 5, 3, 4  # lines: with the verdict and the line on the others 14
 BOUNDS = {"low": N_("at its lower bound"), "high": N_("at its upper bound")}
 VERDICT_MEANINGS = {Verdict.REFUSED: note("verdict.refused"), Verdict.WARN: note("verdict.warn")}
 

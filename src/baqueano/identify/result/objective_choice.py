@@ -46,8 +46,7 @@ from baqueano.numerics.statistics import HUBER, change_covariance, huber_cost, s
 
 FLOOR_P_VALUE = 1e-3  # probability below which process noise is significant
 UNITS = ("m/s", "m/s", "rad/s")
-# probability below which the left-out error of the innovations' fit is significantly larger
-LARGER_ERROR_P_VALUE = 0.05
+LARGER_ERROR_P_VALUE = 0.05  # below it, the left-out error of the innovations' fit is significantly larger
 DIFFERENCE_P_VALUE = 0.01  # probability below which the two fits differ significantly
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.identify.estimation.search import MAX_RESIDUAL_SHARE
+from baqueano.identify.identifiability import larger_bound
 from baqueano.numerics.autocorrelation import WHITE_LIMIT
 from baqueano.numerics.parallel import dot
 from baqueano.numerics.statistics import CLIP_SIGMA, prediction_limit
@@ -33,15 +34,12 @@ if TYPE_CHECKING:
 MIN_EXPLAINED = 0.5  # least explained part of the variance of the best channel
 MAX_UNOBSERVABLE_SHARE = 0.5  # largest allowed part of unidentifiable parameters
 MAX_NOISE_RATIO = 3.0  # largest allowed ratio of the residuals to the noise in the file
-# standard deviations, and part of the samples that may lie beyond; the Huber
+# standard deviations, and part of the samples that may lie beyond on both sides, because the cost is Huber's
 OUTLIER_SIGMA, MAX_OUTLIER_SHARE = 4.0, 0.2
-# cost tolerates them if they are equally frequent on both sides
-# part of the samples; fewer outliers, even to one side, move a fit by less than its error
-OUTLIER_CHANCE = 0.01
+OUTLIER_CHANCE = 0.01  # of the samples; fewer outliers, even to one side, move a fit by less than its error
 WARNING, ERROR = Severity.WARNING, Severity.ERROR
 ONE_SIDED_SIGMA = 5.0  # standard deviations of a binomial with p = ½ by which outliers may be on one side
-# times the square about its own mean: a channel with larger residuals does not follow the model
-MAX_SQUARE_RATIO = 2.0
+MAX_SQUARE_RATIO = 2.0  # times the square about its own mean: above it, a channel does not follow the model
 MAX_NAMED_RUNS = 3  # runs
 FALSE_ALARM_RATE = 0.01  # α, the probability that a normal run is reported as unlike the others
 
@@ -76,7 +74,7 @@ def remarks(e: Evidence) -> list[Diagnostic]:
     """Return notes that do not change the verdict. `e.bound` marks parameters that can be at a bound by chance."""
     notes = _select_findings(e, Severity.INFO)
     notes += contradicting_runs(e.channel_runs, is_slow=True)
-    notes += [_bound_note(e, int(k), "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound)]
+    notes += [_bound_note(e, k, "by-chance", Severity.INFO) for k in np.flatnonzero(e.bound).tolist()]
     for label, (n, highs, lows) in zip(_labels(e), _outlier_counts(e), strict=True):
         outlier_share = (highs + lows) / max(n, 1)
         if OUTLIER_CHANCE < outlier_share <= MAX_OUTLIER_SHARE and not _is_one_sided(highs, lows):
@@ -92,8 +90,16 @@ def _select_findings(e: Evidence, severity: Severity) -> list[Diagnostic]:
 
 
 def _bound_note(e: Evidence, k: int, kind: str, severity: Severity) -> Diagnostic:
-    side = "low" if e.bound[k] < 0 else "high"
-    return note(f"bound.{side}-{kind}", severity, subject=e.names[k], bound=float(e.estimate[k]))
+    return active_bound(e.names[k], float(e.estimate[k]), e.bound[k] < 0, kind, severity)
+
+
+def active_bound(
+    path: str, estimate: float, is_low: bool, kind: str = "held", severity: Severity = Severity.INFO
+) -> Diagnostic:
+    """Return the finding on a parameter at its lower or upper bound, with the option for a larger upper bound."""
+    fix = "" if is_low else larger_bound(path, estimate)
+    code = "bound.high-default" if fix else f"bound.{'low' if is_low else 'high'}-{kind}"
+    return note(code, severity, fix, path, bound=estimate)
 
 
 def _refusals(e: Evidence) -> list[Diagnostic]:
@@ -156,7 +162,7 @@ def _lacking_channels(e: Evidence) -> list[str]:
 
 def _warnings(e: Evidence) -> list[Diagnostic]:
     warnings = _select_findings(e, WARNING)
-    warnings += [_bound_note(e, int(k), "held", WARNING) for k in np.flatnonzero(e.bound)]
+    warnings += [_bound_note(e, k, "held", WARNING) for k in np.flatnonzero(e.bound).tolist()]
     if e.poorly_identified.any():
         names = ", ".join(e.names[k].removeprefix("model.") for k in np.flatnonzero(e.poorly_identified))
         warnings.append(note("fit.poor", WARNING, names=names))

@@ -54,6 +54,9 @@ TEMPLATES: dict[str, str] = {
     "fit.envelope": "fitted to {ranges}; outside this range, the model is not verified",
     "bound.low-held": "{subject} is at its lower bound, {bound:.4g}",
     "bound.high-held": "{subject} is at its upper bound, {bound:.4g}",
+    "bound.high-default": (
+        "{subject} is at its upper bound, {bound:.4g}. This bound is not physical. Type: {fix}"
+    ),
     "bound.low-by-chance": (
         "{subject} is at its lower bound, {bound:.4g}. The unconstrained estimate is less than 3 "
         "standard errors below it, so noise can explain this"
@@ -92,6 +95,9 @@ TEMPLATES: dict[str, str] = {
     "identifiability.few-speeds": ": the vehicle drove at too few different speeds",
     "identifiability.few-turn-rates": ": the vehicle turned at too few different rates",
     "identifiability.needs": "This needs {motion:word}",
+    "identifiability.needs-bound": (
+        "This needs {motion:word}. If the delay can be longer than {bound:.4g} s, enlarge its bound. Type: {fix}"
+    ),
     "identifiability.needs-command": "This needs {command:word} commands, and {motion:word} motion caused by them",
     "identifiability.needs-run": "This needs a run in which the parameter has an effect",
     "identifiability.command-still": (
