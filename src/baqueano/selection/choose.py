@@ -337,7 +337,7 @@ class _ModelSelection:
         if neutral.all():
             return Decision.EXCLUDED, note("term.best-without")
         for k in entries[(bound[entries] != 0) & ~neutral]:
-            return Decision.REFUSED, active_bound(self.paths[k], float(theta[k]), bound[k] < 0)
+            return Decision.REFUSED, active_bound(self.paths[k], float(theta[k]), bool(bound[k] < 0))
         free_entries = np.flatnonzero(
             is_free & (np.diagonal(A) > 0.0) & ~np.isin(np.arange(len(is_free)), entries) & (bound == 0)
         )

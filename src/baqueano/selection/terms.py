@@ -250,9 +250,9 @@ def _drivetrain_terms(model: Tree, motions: Sequence[_TermMotion], battery: bool
         terms.insert(0, Term(N_("dead zone"), paths, (0.0,) * len(paths), tuple(a + b for a, b in starts)))
     for name, p in parameters(model.drivetrain):
         if p.term and p.start and _has_effect(model, name):
-            none = MIN_LAG_S if name in LAGS else p.neutral
+            none = MIN_LAG_S if name in LAGS else p.neutral or 0.0
             path, starts = f"model.drivetrain.{name}", tuple((x,) for x in p.start)
-            terms.append(Term(p.term, (path,), (none,), starts, _required_field(path, p)))
+            terms.append(Term(entry_text(p.term, ()), (path,), (none,), starts, _required_field(path, p)))
     if model.drivetrain.mixing == "two_wheels":
         terms.append(Term(N_("unequal motors"), ("model.drivetrain.gain[1]",), (1.0,), ((1.02,),)))
     if battery:
