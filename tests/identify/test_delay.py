@@ -74,8 +74,8 @@ def test_a_free_delay_that_is_not_identifiable_is_not_advised_to_be_free(monkeyp
 
     monkeypatch.setattr(identifiability, "assess_identifiability", without_delay)
     fit = identify(drive_late(0.04, 6.0), small, FREE)
-    (unidentified,) = (m for m in fit.unobservable if m.subject == DELAY_PATH)
-    assert unidentified.figures["advice"].fix == f"--bound {DELAY_PATH}=0,0.5"
+    (delay_note,) = (m for m in fit.unobservable if m.subject == DELAY_PATH)
+    assert delay_note.figures["advice"].fix == f"--bound {DELAY_PATH}=0,0.5"
     fixes = {m.fix for m in fit.reasons if m.fix}
     assert f"--bound {DELAY_PATH}=0,0.5" in fixes
     assert not any(f"+{DELAY_PATH}" in fix for fix in fixes)
