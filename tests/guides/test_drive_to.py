@@ -57,6 +57,35 @@ def test_paths_with_short_clothoids_match_hand_calculations():
         assert path.length_m == pytest.approx(length_m, rel=0.01)
 
 
+def test_a_path_from_rest_begins_with_its_arc():
+    """A vehicle at rest has time to steer: arc, clothoid and line; before, it was a clothoid longer."""
+    radius_m, ramp_m, arc_m, line_m = 0.5, 0.3, 0.4, 0.2
+    s = np.linspace(0.0, arc_m + ramp_m + line_m, 20001)
+    psi = np.append(
+        0.0, np.cumsum(np.diff(s) * np.interp(s[1:], [arc_m, arc_m + ramp_m], [1 / radius_m, 0.0]))
+    )
+    x, y = (np.sum(np.diff(s) * f(0.5 * (psi[1:] + psi[:-1]))) for f in (np.cos, np.sin))
+    goal = np.array([[x, y, psi[-1]]])
+    path, _ = shortest_path(np.zeros(3), None, goal, np.zeros(1), radius_m, ramp_m)
+    assert path.length_m == pytest.approx(s[-1], rel=0.01)
+    np.testing.assert_allclose(path.kappa[0, np.argmax(path.piece_m > 0.0)], 1 / radius_m, rtol=1e-6)
+    assert shortest_path(np.zeros(3), 0.0, goal, np.zeros(1), radius_m, ramp_m)[0].length_m > 1.05 * s[-1]
+
+
+@pytest.mark.parametrize(("y", "psi"), [(0.2, 0.52), (0.2, -0.52), (-0.2, 0.52), (-0.2, -0.52)])
+def test_a_car_with_a_slow_servo_joins_its_route_soon_from_rest(y, psi):
+    """Its curvature needs 0.4 s to change. Before, the longest path was 1.77 m."""
+    radius_m, ramp_s, speed_m_s = 0.51, 0.4, 1.0
+    route = circle(3.0, speed_m_s)
+    guide = DriveTo.to_route(route, radius_m=radius_m, ramp_m=ramp_s * speed_m_s, speed_m_s=speed_m_s)
+    state, out = followed(guide, (0.0, y, psi))
+    assert state.path.length_m < 1.3
+    v, r = np.array([reference.nu[::2] for reference in out[1:-1]]).T
+    kappa_change = np.abs(np.diff(r / v)) / DT
+    assert np.max(kappa_change) < 1.01 / (radius_m * ramp_s)
+    assert len(out) * DT < 3.5
+
+
 def test_a_slight_offset_is_not_driven_in_a_loop():
     for offset_m in (0.0, 1e-9, 1e-6, 1e-3, 0.05, 0.2):
         goal = np.array([[1.0, offset_m, 0.0]])
@@ -90,7 +119,7 @@ def test_the_reference_velocity_is_the_derivative_of_its_poses():
     assert np.max(error) < 0.02
     assert np.max(np.abs(nu[:, 2])) == pytest.approx(0.2 / 0.25)
     speeds = np.hypot(*np.diff(eta[:, :2], axis=0).T) / DT
-    np.testing.assert_allclose(speeds, nu[1:, 0], atol=2e-3)
+    np.testing.assert_allclose(speeds, 0.5 * (nu[1:, 0] + nu[:-1, 0]), atol=2e-3)
 
 
 def test_the_guide_begins_at_the_vehicle_speed_and_ends_at_rest():

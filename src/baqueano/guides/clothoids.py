@@ -8,8 +8,9 @@
 
 κ is the curvature, k its change per length, κ_0 and κ_g that of the start and the goal; s = 1 turns left, −1 right. t_i
 is the angle of arc i, φ_i its heading next to κ_0 and κ_g, θ_i the angle of turn i, c_1 = s_1 κ_0, c_2 = s_2 κ_g. χ
-follows from κ_i, and (4) from χ: the path of each iteration is exact, the shortest one is used. With a line before the
-first turn, a path to a near goal exists. Source: Dubins, American Journal of Mathematics, 1957; Fraichard and Scheuer,
+follows from κ_i, and (4) from χ: the path of each iteration is exact, the shortest one is used. A vehicle at rest has
+time to steer: its first turn begins with κ_0 = s_1 κ_1, and κ_1² = 2 SHARE² k θ_1. With a line before the first turn, a
+path to a near goal exists. Source: Dubins, American Journal of Mathematics, 1957; Fraichard and Scheuer,
 IEEE Transactions on Robotics, 2004. Departure: words of three turns are excluded.
 """
 
@@ -41,11 +42,17 @@ NO_PATH = ClothoidPath(0.0, np.zeros(9), np.zeros((2, 9)), np.zeros((3, 9)))
 
 
 def shortest_path(
-    start: np.ndarray, kappa_0: float, goals: np.ndarray, kappa_g: np.ndarray, radius_m: float, ramp_m: float
+    start: np.ndarray,
+    kappa_0: float | None,
+    goals: np.ndarray,
+    kappa_g: np.ndarray,
+    radius_m: float,
+    ramp_m: float,
 ) -> tuple[ClothoidPath, int]:
     """Return the shortest path from the pose `start` (3,) to one of the `goals` (n, 3), and the index of this goal.
 
     `kappa_0` and `kappa_g` (n,) [1/m] are the curvatures of start and goals, `radius_m` is R, and R k = 1 / `ramp_m`.
+    Without `kappa_0` the vehicle is at rest, and the path begins with any curvature.
     """
     n, k = len(goals), 1.0 / (radius_m * ramp_m)
     grid = np.indices((len(FIRST_LINES), len(WORDS), n)).reshape(3, -1)
@@ -53,8 +60,9 @@ def shortest_path(
     s_1, s_2 = np.array(WORDS)[grid[1]].T
     kappa_g, psi_g = kappa_g[grid[2]], goals[grid[2], 2]
     # the line before the first turn
-    is_line = first_m > 0.0
+    is_line, is_free, kappa_0 = first_m > 0.0, (first_m == 0.0) & (kappa_0 is None), kappa_0 or 0.0
     ramp_0_m, kappa_1_0 = np.where(is_line, abs(kappa_0) / k, 0.0), np.where(is_line, 0.0, kappa_0)
+    k_1 = np.where(is_free, 2.0 * k, k)
     line_start = _compose(start, _displacement(ramp_0_m, kappa_0 + 0.0 * s_1, kappa_1_0))
     turn_start = _compose(line_start, np.stack([first_m, 0.0 * first_m, 0.0 * first_m]))
     end = goals[grid[2]].T + np.array([[0.0], [0.0], [np.pi]])  # the last turn is computed from the goal
@@ -63,7 +71,8 @@ def shortest_path(
     best_length_m, best = np.inf, np.zeros((3, 9))
     best_index = 0
     for _ in range(ITERATION_COUNT):
-        entry, exit_1, phi_1, out_1 = _turn(s_1, kappa_1, kappa_1_0, k)
+        first = np.where(is_free, s_1 * kappa_1, kappa_1_0)
+        entry, exit_1, phi_1, out_1 = _turn(s_1, kappa_1, first, k)
         entry_2, exit_2, phi_2, out_2 = _turn(-s_2, kappa_2, -kappa_g, k)
         c_1 = _compose(turn_start, np.stack([*entry, phi_1]))
         c_2 = _compose(end, np.stack([*entry_2, phi_2]))
@@ -79,7 +88,7 @@ def shortest_path(
         t_2 = _positive_angle(s_2 * (phi_end - chi) - out_2)
         rows = np.stack(
             [
-                ramp_0_m, first_m, np.abs(s_1 * kappa_1 - kappa_1_0) / k, t_1 / kappa_1, kappa_1 / k, p,
+                ramp_0_m, first_m, np.abs(s_1 * kappa_1 - first) / k, t_1 / kappa_1, kappa_1 / k, p,
                 kappa_2 / k, t_2 / kappa_2, np.abs(s_2 * kappa_2 - kappa_g) / k,
             ]
         )  # fmt: skip
@@ -87,17 +96,18 @@ def shortest_path(
         i = int(np.argmin(length_m))
         if length_m[i] < best_length_m:
             zero, a, b = 0.0, s_1[i] * kappa_1[i], s_2[i] * kappa_2[i]
-            first = kappa_1_0[i]
-            ends = [first, first, a, a, zero, zero, b, b, kappa_g[i]]
+            ends = [first[i], first[i], a, a, zero, zero, b, b, kappa_g[i]]
             best_length_m, best_index = float(length_m[i]), i
-            best = np.stack([rows[:, i], [kappa_0, *ends[:-1]], ends])
+            best = np.stack([rows[:, i], [a if is_free[i] else kappa_0, *ends[:-1]], ends])
         theta_1 = _turn_angle(s_1 * (chi - turn_start[2]), s_1 * kappa_1_0, k)
         theta_2 = _turn_angle(s_2 * (psi_g - chi), s_2 * kappa_g, k)
         kappa_1, kappa_2 = (
             np.clip(
-                CURVATURE_SHARE * np.sqrt(np.maximum(k * theta + 0.5 * c * c, 0.0)), floor, 1.0 / radius_m
+                CURVATURE_SHARE * np.sqrt(np.maximum(change * theta + 0.5 * c * c, 0.0)),
+                floor,
+                1.0 / radius_m,
             )
-            for theta, c in ((theta_1, s_1 * kappa_1_0), (theta_2, s_2 * kappa_g))
+            for change, theta, c in ((k_1, theta_1, s_1 * kappa_1_0), (k, theta_2, s_2 * kappa_g))
         )
     return _join_pieces(start, *best), int(grid[2][best_index])
 

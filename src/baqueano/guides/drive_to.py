@@ -1,11 +1,12 @@
 """Drive from the vehicle's pose to the nearest of several goals, on the shortest path with a limited curvature.
 
     path = the shortest of the paths (clothoids.py) from the first estimate to each of the goals η_j      (1)
-    v²  ≤   speed²,   (v_0 + a t)²,   v_j² + 2 a (length − σ)                                              (2)
+    v²  ≤   speed²,   v_0² + a max(d, JOIN_LENGTH),   (v_0 + a t)²,   v_j² + 2 a (length − σ)              (2)
     σ̇ = v,   η_r = path(σ),   ν_r = (± v, 0, κ v),   done when σ ≥ length and the vehicle follows          (3)
 
 σ is the distance along the path, a the acceleration, κ the curvature, η_r and ν_r the reference. v_0 and κ_0 are those
-of the first estimate, v_j and κ_j those of the route at the goal. So κ v is continuous, and at rest it is 0. ν_r has
+of the first estimate, v_j and κ_j those of the route at the goal. d is the distance of the first goal. By its second
+limit, (2) accelerates on half of d, and κ changes within a shorter length. κ v is continuous; at rest it is 0. ν_r has
 the sign of v_j: a route that is driven backward is reached backward. At a goal at rest, the guide is done when the
 vehicle rests, at the latest after SETTLE_S. The guide is done at once if the vehicle is within tolerance_m and
 tolerance_rad of the first goal. For a vehicle away from a route, the distance along the route to the best goal depends
@@ -40,6 +41,7 @@ class DriveToState(NamedTuple):
     goal: np.ndarray  # (3,): time of the route [s], its speed [m/s], its direction
     sigma_m: float
     v_m_s: float
+    limit_m_s: float  # largest v
     goal_ns: int  # time at which the reference reached the goal; -1 before
 
 
@@ -69,7 +71,11 @@ class DriveTo:
     kappa_1_m: np.ndarray = parameter("1/m", "curvatures there, (k,)", default=(0.0,), shape=None)
     radius_m: float = parameter("m", "smallest radius of a curve", low=0.01, high=1e3, default=0.25)
     ramp_m: float = parameter(
-        "m", "length on which the curvature changes from 0 to 1/radius", low=1e-3, high=1e3, default=0.1
+        "m",
+        "length on which the curvature changes from 0 to 1/radius, at speed_m_s",
+        low=1e-3,
+        high=1e3,
+        default=0.1,
     )
     speed_m_s: float = parameter("m/s", "speed on the path to there", low=0.01, high=100.0, default=0.2)
     acceleration_m_s2: float = parameter("m/s²", "change of the speed", low=0.01, default=0.3)
@@ -110,26 +116,32 @@ class DriveTo:
 
     def init(self) -> DriveToState:
         """Return the state before the first tick."""
-        return DriveToState(-1, NO_PATH, np.zeros(3), 0.0, 0.0, -1)
+        return DriveToState(-1, NO_PATH, np.zeros(3), 0.0, 0.0, 0.0, -1)
 
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference pose and velocity on the path.  (3)"""
         t_ns = estimate.t_ns
         if state.t_ns < 0:
-            path, goal = self._nearest_goal(estimate)
-            state = DriveToState(t_ns, path, goal, 0.0, max(goal[2] * float(estimate.nu[0]), 0.0), -1)
+            limit_m_s = self._limit_m_s(estimate)
+            path, goal = self._nearest_goal(estimate, self.ramp_m * limit_m_s / self.speed_m_s)
+            v_0 = max(goal[2] * float(estimate.nu[0]), 0.0)
+            state = DriveToState(t_ns, path, goal, 0.0, v_0, limit_m_s, -1)
         path, (_, goal_speed, forward_sign) = state.path, state.goal
-        a, dt_s = self.acceleration_m_s2, seconds(t_ns, state.t_ns)
         rest_m = max(path.length_m - state.sigma_m, 0.0)
-        v = min(state.v_m_s + a * dt_s, self.speed_m_s, float(np.sqrt(goal_speed**2 + 2.0 * a * rest_m)))
-        sigma_m = min(state.sigma_m + max(v, MIN_SPEED_M_S) * dt_s, path.length_m)
+        dt_s = seconds(t_ns, state.t_ns)
+        dv = self.acceleration_m_s2 * dt_s
+        # (2) at the end of the tick, with the mean speed of the tick
+        square = goal_speed**2 + 2.0 * self.acceleration_m_s2 * rest_m - dv * state.v_m_s + 0.25 * dv**2
+        v = min(state.v_m_s + dv, state.limit_m_s, max(float(np.sqrt(max(square, 0.0))) - 0.5 * dv, 0.0))
+        mean_m_s = max(0.5 * (state.v_m_s + v), MIN_SPEED_M_S)
+        sigma_m = min(state.sigma_m + mean_m_s * dt_s, path.length_m)
         goal_ns = t_ns if sigma_m >= path.length_m and state.goal_ns < 0 else state.goal_ns
         course, kappa = pose_at(path, sigma_m)
         heading_offset = 0.5 * np.pi * (1.0 - forward_sign)  # angle from the course to the heading
         eta = np.array([course[0], course[1], wrap(course[2] + heading_offset)])
         v_r = v if goal_ns < 0 else 0.0
         nu = np.array([forward_sign * v_r, 0.0, kappa * v_r])
-        next_state = DriveToState(t_ns, path, state.goal, sigma_m, v, goal_ns)
+        next_state = state._replace(t_ns=t_ns, sigma_m=sigma_m, v_m_s=v, goal_ns=goal_ns)
         return next_state, Reference(t_ns, eta, nu, float(self._is_done(next_state, estimate)))
 
     @staticmethod
@@ -143,14 +155,20 @@ class DriveTo:
             state.goal[1] > 0.0 or is_at_rest or estimate.t_ns - state.goal_ns >= SETTLE_S * NANOSECONDS
         )
 
-    def _nearest_goal(self, estimate: Estimate) -> tuple[ClothoidPath, np.ndarray]:
+    def _limit_m_s(self, estimate: Estimate) -> float:
+        """Return the largest speed [m/s] on the path from this estimate.  (2)"""
+        distance_m = float(np.hypot(*(np.array(estimate.eta) - self.goals[0])[:2]))
+        gain = self.acceleration_m_s2 * max(distance_m, JOIN_LENGTH_M)
+        return min(self.speed_m_s, float(np.sqrt(float(estimate.nu[0]) ** 2 + gain)))
+
+    def _nearest_goal(self, estimate: Estimate, ramp_m: float) -> tuple[ClothoidPath, np.ndarray]:
         """Return the path to the nearest goal, and time, speed and direction of the route at that goal.  (1)"""
         eta, (v, _, r) = np.array(estimate.eta), estimate.nu
         offset, max_curvature = eta - self.goals[0], 1.0 / self.radius_m
         is_at_goal = (
             np.hypot(offset[0], offset[1]) < self.tolerance_m and abs(wrap(offset[2])) < self.tolerance_rad
         )
-        kappa_0 = float(np.clip(r / v, -max_curvature, max_curvature)) if abs(v) > MIN_SPEED_M_S else 0.0
+        kappa_0 = float(np.clip(r / v, -max_curvature, max_curvature)) if abs(v) > MIN_SPEED_M_S else None
         best_path, nearest_index = NO_PATH._replace(eta=np.tile(eta[:, None], 9)), 0
         for sign in (1.0, -1.0):
             index = np.flatnonzero((self.v_m_s >= 0.0) == (sign > 0.0))
@@ -161,7 +179,8 @@ class DriveTo:
                 x - np.array([0.0, 0.0, 0.5 * np.pi * (1.0 - sign)]) for x in (eta, self.goals[index])
             )
             kappa_g = sign * np.clip(self.kappa_1_m[index], -max_curvature, max_curvature)
-            path, k = shortest_path(start, sign * kappa_0, goals, kappa_g, self.radius_m, self.ramp_m)
+            first = None if kappa_0 is None else sign * kappa_0
+            path, k = shortest_path(start, first, goals, kappa_g, self.radius_m, ramp_m)
             if best_path.length_m == 0.0 or path.length_m < best_path.length_m:
                 best_path, nearest_index = path, int(index[k])
         forward_sign = -1.0 if self.v_m_s[nearest_index] < 0.0 else 1.0
