@@ -381,4 +381,4 @@ def _needed_motion(parameter: FreeParameter) -> Diagnostic:
 def larger_bound(path: str, bound: float) -> str:
     """Return the option for a larger bound of a delay; "" for another parameter, or at the bound of its field."""
     is_extensible = path == DELAY_PATH and bound < LARGEST_DELAY_S
-    return f"--bound {path}=0,{min(2.0 * bound, LARGEST_DELAY_S):.3g}" if is_extensible else ""
+    return f"--bound {path}=0,{round(min(2.0 * bound, LARGEST_DELAY_S), 3)}" if is_extensible else ""

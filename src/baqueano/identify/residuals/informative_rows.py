@@ -39,8 +39,7 @@ def informative_rows(
 def _largest(z: Sequence[np.ndarray], masks: Sequence[np.ndarray]) -> np.ndarray:
     """Return the largest absolute measurement (m,) of each channel over all segments."""
     return np.max(
-        [np.max(np.abs(v * mask), axis=0, initial=0.0) for v, mask in zip(z, masks, strict=True)],
-        axis=0,
+        [np.max(np.abs(v * mask), axis=0, initial=0.0) for v, mask in zip(z, masks, strict=True)], axis=0
     )
 
 
