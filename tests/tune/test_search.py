@@ -8,8 +8,8 @@ import pytest
 from scipy.optimize import minimize
 
 from baqueano.errors import UsageError
+from baqueano.numerics.quasi_newton import minimise
 from baqueano.tune.gains import search_gains
-from baqueano.tune.quasi_newton import minimise
 from baqueano.tune.search import (
     DIVERGED_COST,
     Descent,

@@ -2,7 +2,7 @@
 
 least_squares        damped Gauss-Newton with bounds, on normal equations
 normal_equations     normal equations of segments, and the elimination of nuisance entries
-coordinate_search    minimisation without derivatives
+quasi_newton         descent within bounds, with a gradient or by differences
 gaussian_likelihood  its two terms, of values that can be traced
 autocorrelation      white and autocorrelated residuals
 score_test           tests of effects that a model lacks, without a new fit

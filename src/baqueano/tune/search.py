@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from baqueano.errors import UsageError
-from baqueano.tune.quasi_newton import minimise
+from baqueano.numerics.quasi_newton import minimise
 
 STRETCH_EXPONENT = 7.0  # c: the middle of the range is 3 % of its upper end
 SAMPLED_POINTS = 24  # points of the cube that are evaluated before the descents

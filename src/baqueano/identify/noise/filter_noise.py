@@ -39,8 +39,8 @@ from baqueano.identify.noise.speed_error import (
     with_truth_misfit,
 )
 from baqueano.numerics.autocorrelation import correlated_variance, speed_error_autocorrelations
-from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.numerics.gaussian_likelihood import log_det_and_square, robust_square
+from baqueano.numerics.quasi_newton import minimise_logarithms
 from baqueano.numerics.statistics import expected_variance, largest_white_share, white_std
 from baqueano.runs.diagnostics.samples import ROUNDING
 from baqueano.runs.filter_ticks import example_filter_tick, make_ticks
@@ -129,7 +129,7 @@ def filter_noise(
     ticks = [make_ticks(run, ekf, TICKS.get(kernel.backend, 600) // len(runs)) for run in runs]
     low, high = (np.log([getattr(entry, side) for entry in free]) for side in ("low", "high"))
     start = np.clip([_start(ekf, entry) for entry in free], low, high)
-    x = coordinate_search(total_cost(kernel, ticks), start, low, high) if free else start
+    x = minimise_logarithms(total_cost(kernel, ticks), start, low, high) if free else start
     ekf = _with_noise(ekf, free, [float(value) for value in x])
     speed_is_measured = filter_layout.correction_mask(FORWARD_STATES[0]).any()
     if is_dynamic(ekf.vehicle):

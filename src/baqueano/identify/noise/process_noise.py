@@ -19,8 +19,8 @@ from baqueano.contracts.values import Tree
 from baqueano.estimators import Ekf
 from baqueano.identify.data.record import make_record
 from baqueano.identify.residuals.motion import motion_rows, open_loop
-from baqueano.numerics.coordinate_search import coordinate_search
 from baqueano.numerics.gaussian_likelihood import log_det_and_square, robust_square
+from baqueano.numerics.quasi_newton import minimise_logarithms
 from baqueano.runs.filter_ticks import example_filter_tick, make_ticks
 from baqueano.runs.run import Run
 from baqueano.signals import Estimate, Tick, seconds
@@ -47,7 +47,7 @@ def process_covariance(
     size = np.max([_motion_rms(fit, run) for run in runs], axis=0)
     low, high = np.log(MIN_RELATIVE_STD * size), np.log(size)
 
-    q = coordinate_search(total_cost(kernel, ticks), np.clip(np.log(0.03 * size), low, high), low, high)
+    q = minimise_logarithms(total_cost(kernel, ticks), np.clip(np.log(0.03 * size), low, high), low, high)
     return np.diag(np.exp(2.0 * q)), size
 
 

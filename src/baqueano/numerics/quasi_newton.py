@@ -1,4 +1,4 @@
-"""Minimise a function with its gradient within the unit cube, by a quasi-Newton method.
+"""Minimise a function within bounds, by a quasi-Newton method, with its gradient or by differences.
 
     B d = −g,    x⁺ = x + t d,    B⁺ = τ (B − B s sᵀ B / sᵀ B s) + y yᵀ / sᵀ y                             (1)
     s = x⁺ − x,    y = g⁺ − g,    τ = min(1, sᵀ y / sᵀ B s)
@@ -20,6 +20,12 @@ MIN_STEP = 1e-8  # t below which the line search gives up
 MIN_FORECAST = 1e-10  # decrease that (1) predicts, relative to the value, below which the search ends
 MIN_SLOPE = 1e-8  # relative to the first value
 MIN_COSINE = 1e-10  # between s and y, for an update
+COARSE_STEPS = (2.0, 1.0)  # of the search before a descent by differences, for entries that are logarithms
+DIFFERENCE = 1e-6  # of an entry, for its slope
+MAX_EVALUATIONS, MIN_DECREASE = (
+    60,
+    1e-2,
+)  # of a descent by differences: its points, and the decrease of its last step
 
 
 class Point(NamedTuple):
@@ -81,6 +87,41 @@ def minimise(
         if is_end(point.x):
             break
     return point
+
+
+def minimise_logarithms(
+    cost: Callable[[np.ndarray], float], q: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """Return a minimum q (n,) of the cost between `low` and `high`, from a start q, without the gradient.
+
+    Steps of COARSE_STEPS along one entry leave a flat region; then the descent follows narrow valleys.
+    """
+    best, min_cost = q, cost(q)
+    for step in COARSE_STEPS:
+        is_improved = True
+        while is_improved:
+            is_improved = False
+            for direction in np.vstack([np.eye(len(q)), -np.eye(len(q))]):
+                trial = np.clip(best + step * direction, low, high)
+                trial_cost = cost(trial) if np.any(trial != best) else np.inf
+                if trial_cost < min_cost - MIN_DECREASE:
+                    best, min_cost, is_improved = trial, trial_cost, True
+    size, costs, ends = high - low, [], [np.inf, np.inf]
+
+    def value_and_slope(x: np.ndarray) -> tuple[float, np.ndarray]:
+        q = low + x * size
+        costs.append(cost(q))
+        steps = np.where(q + DIFFERENCE > high, -DIFFERENCE, DIFFERENCE)
+        changes = [cost(q + step) - costs[-1] for step in np.diag(steps)]
+        slope = np.array(changes) / steps * size
+        return costs[-1], slope if np.isfinite(slope).all() else np.zeros(len(q))
+
+    def is_end(x: np.ndarray) -> bool:
+        ends.append(min(costs))
+        return bool(ends[-3] - ends[-1] < MIN_DECREASE)
+
+    end = minimise(value_and_slope, (best - low) / size, MAX_EVALUATIONS, is_end)
+    return low + end.x * size if end.value < min_cost else best
 
 
 def _step(point: Point, curvature: np.ndarray | None) -> np.ndarray:
