@@ -4,7 +4,7 @@
 
 g is a gain, x its coordinate in the search. In x, small gains have the same share of the interval as large gains. The
 slope of (1) at 0 is above 0, so that a gain can leave its bound. The cost is evaluated at a fixed set of points of
-the unit cube (Halton 1960). A quasi-Newton method (numerics/quasi_newton.py) descends from the best of them. If the gradient
+the unit cube (Halton 1960). A quasi-Newton method (quasi_newton.py) descends from the best of them. If the gradient
 at the end is still large, the cost is not smooth (for example, motors that switch direction). Then the simplex of
 Nelder and Mead continues from there. The search is deterministic: the same input yields the same result.
 
