@@ -10,9 +10,10 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from baqueano.contracts.values import JsonObject
+if TYPE_CHECKING:
+    from baqueano.contracts.values import JsonObject
 
 ACCOUNT = "baqueano"  # the account of the service, without login and sudo
 WORDS: dict[str, str] = {}  # English → the language of the laptop; filled by install.py
