@@ -82,7 +82,7 @@ def test_a_free_delay_that_is_not_identifiable_is_not_advised_to_be_free(monkeyp
 
 
 def test_a_delay_at_the_bound_of_its_field_has_no_larger_bound():
-    assert larger_bound(DELAY_PATH, 1.5) == f"--bound {DELAY_PATH}=0,2"
+    assert larger_bound(DELAY_PATH, 1.5) == f"--bound {DELAY_PATH}=0,2.0"
     assert larger_bound(DELAY_PATH, 2.0) == larger_bound(LAG_PATH, 1.0) == ""
 
 

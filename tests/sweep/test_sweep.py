@@ -3,6 +3,7 @@
 import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -238,7 +239,8 @@ def test_recorded_runs_are_replayed_only_through_estimators(small):
     ("code", "options"),
     [
         ("sweep.nothing", {}),
-        ("sweep.route", {"routes": [3]}),
+        ("call.kind", {"routes": [3]}),
+        ("sweep.route", {"routes": [SimpleNamespace()]}),
         ("sweep.setting", {"routes": ROUTE, "lap": 3}),
         ("sweep.seeds", {"routes": ROUTE, "seeds": 3}),
         ("simulate.pose", {"routes": ROUTE, "start": (0.0, 1.0)}),

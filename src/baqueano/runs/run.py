@@ -228,7 +228,7 @@ class Run(Result):
     @checked_call("run.cut(2.0, 8.0)")
     def cut(self, from_s: float = 0.0, to_s: float = float("inf")) -> "Run":
         """Return the part from `from_s` (included) to `to_s` (not included) seconds after the first tick."""
-        if not from_s < to_s:
+        if not from_s <= to_s:
             raise UsageError.of("runs.cut-order", start_s=from_s, end_s=to_s)
         low, high = (self._instant_ns(s) for s in (from_s, to_s))
         first, last = np.searchsorted(self.t_ns, [low, high])
