@@ -306,7 +306,7 @@ def test_without_a_lag_of_the_tyres_the_integration_error_is_of_fourth_order():
     slopes = np.polyfit(np.log(ticks), np.log(errors), 1)[0]
     assert slopes[:6].min() > 2.7  # tan δ of the line, as above
     assert slopes[6] > 1.2  # of the yaw acceleration, where the command changes within the tick
-    assert np.all(errors[1] < [2e-5, 2e-5, 2e-5, 1e-7, 1e-6, 1e-5, 0.2])
+    assert np.all(errors[1] < [1e-8, 1e-7, 6e-7, 1e-8, 2e-10, 3e-9, 0.1])
 
 
 def test_a_car_changes_smoothly_until_the_lag_of_its_tyres_is_zero():

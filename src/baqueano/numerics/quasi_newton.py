@@ -22,10 +22,8 @@ MIN_SLOPE = 1e-8  # relative to the first value
 MIN_COSINE = 1e-10  # between s and y, for an update
 COARSE_STEPS = (2.0, 1.0)  # of the search before a descent by differences, for entries that are logarithms
 DIFFERENCE = 1e-6  # of an entry, for its slope
-MAX_EVALUATIONS, MIN_DECREASE = (
-    60,
-    1e-2,
-)  # of a descent by differences: its points, and the decrease of its last step
+MAX_POINTS = 60  # of a descent by differences
+MIN_DECREASE = 1e-2  # of the cost by the last two of these points, below which the descent ends
 
 
 class Point(NamedTuple):
@@ -92,9 +90,13 @@ def minimise(
 def minimise_logarithms(
     cost: Callable[[np.ndarray], float], q: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
-    """Return a minimum q (n,) of the cost between `low` and `high`, from a start q, without the gradient.
+    """Return a minimum q (n,) of the cost between `low` and `high` (n,), from a start q, without the gradient.
 
-    Steps of COARSE_STEPS along one entry leave a flat region; then the descent follows narrow valleys.
+    Steps of COARSE_STEPS along one entry leave a flat region. Then a descent follows narrow valleys.
+
+    >>> valley = lambda q: 1e3 * (q[0] + q[1]) ** 2 + (q[0] - 3.0) ** 2
+    >>> minimise_logarithms(valley, np.zeros(2), np.full(2, -5.0), np.full(2, 5.0)).round(2)
+    array([ 3., -3.])
     """
     best, min_cost = q, cost(q)
     for step in COARSE_STEPS:
@@ -120,7 +122,7 @@ def minimise_logarithms(
         ends.append(min(costs))
         return bool(ends[-3] - ends[-1] < MIN_DECREASE)
 
-    end = minimise(value_and_slope, (best - low) / size, MAX_EVALUATIONS, is_end)
+    end = minimise(value_and_slope, (best - low) / size, MAX_POINTS, is_end)
     return low + end.x * size if end.value < min_cost else best
 
 

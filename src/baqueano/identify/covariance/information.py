@@ -34,7 +34,7 @@ from baqueano.vehicles.freedoms import tyre_paths
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
 
-MIN_SEGMENTS_PER_PARAMETER = 2  # shared parameters: with fewer, the fit pulls the sums of scores to 0
+MIN_SEGMENTS_PER_PARAMETER = 2  # a fit of fewer segments pulls the sums of scores to 0
 
 
 class Information(NamedTuple):

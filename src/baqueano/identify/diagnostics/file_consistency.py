@@ -51,11 +51,11 @@ MAX_ROWS = 3000  # rows of each run
 SIMILAR_GAIN_FRACTION = 0.5  # share of the largest gain: the data cannot separate mounts with a gain above it
 GAIN_CODES = ("file.swapped", "file.inverted", "file.mirrored")
 CHANNEL_CODES = ("axes.swapped", "axes.inverted", *GAIN_CODES)
-MAX_GAIN_RATIO = 2.0  # times the file: tolerances of data sheet and scale, or a guess of half or double
+MAX_GAIN_RATIO = 2.0  # of the file's value: tolerances of data sheet and scale, or a guess of half or double
 MODEL_TOLERANCE = 0.1  # relative change of a gain by an imperfect model, in addition to its standard error
 IMPLAUSIBLE_RATIO = 20.0  # times the value in the file: larger than for any wrong guess of a vehicle
 SIGNIFICANT_SIGMA = 5.0  # standard errors
-QUIET_RATIO, SILENT_RATIO = 0.2, 1e-4  # times the noise of the file; 1e-4 is a simulation without noise
+QUIET_RATIO, SILENT_RATIO = 0.2, 1e-4  # of the file's noise; a smaller one than the second is simulated
 UNITS = {
     57.29578: "guess.degrees", 9.80665: "guess.g", 255.0: "guess.pwm", 100.0: "guess.percent", 1000.0: "guess.milli",
 }  # fmt: skip

@@ -68,7 +68,7 @@ TERM_KEYS = {  # code of an effect → keys of the file that model it
     "term.imu-ahead": "sensors.{sensor}.lever_arm_m",
     "term.imu-beside": "sensors.{sensor}.lever_arm_m",
 }
-# a slope of 0 has no direction, so the search for both starts at another value
+# the direction of a slope of 0 does not matter, so the search for both starts at another value
 SLOPE_START = " --free +model.slope_heading_rad --set model.slope_rad=0.02 --set model.slope_heading_rad={}"
 UPHILL_RAD = {"slope, map x": (0.0, 3.1), "slope, map y": (1.6, -1.6)}  # start of χ by the sign of the effect
 # the yaw rate of a car follows its curvature, so a drag about ψ is a curvature that falls with the speed

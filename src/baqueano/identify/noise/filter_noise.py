@@ -281,7 +281,7 @@ def _rounding(
     """Return the least and greatest variance of quantised entries that measure a velocity, for example of a counter.
     The rate of a counter over varying intervals times its interval is quantised."""
     channels, variances = layout.channel_entries, {}
-    positions = {channels[k] for group in layout.pose_groups for k in group}  # a tag repeats them
+    positions = {channels[k] for group in layout.pose_groups for k in group}  # repeated by a tag
     for name, i in (c for c in channels if c[0] not in inertial and c not in positions):
         of_name = [run for run in runs if name in run.sensors and len(run.sensors[name].z) > 1]
         z = np.concatenate([np.zeros(0), *(run.sensors[name].z[:, i] for run in of_name)])
