@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from baqueano.drive.health import WINDOW_S, Health
+from baqueano.drive.session import sensor_monitor
 from baqueano.estimators.readings.gate import gate_limit
 from baqueano.runs import Run
 from baqueano.signals import Estimate, Slot, Tick
@@ -18,7 +19,7 @@ from baqueano.symbolic import scan
 from baqueano.vehicle_file import load
 
 REST_S, BROKEN_S, END_S, STILL_S = WINDOW_S + 1.0, (8.0, 11.0), 16.0, 2.0
-REPORT_S = 0.5
+REPORT_S = 0.53  # an event is 0.5 s of disagreement, which begins up to 3 ticks after the first refusal
 SMALL = load("small").with_values(  # the model equals the vehicle, and the floor is without noise
     {"estimator.velocity_walk_std": [0.005, 0.002, 0.005], "estimator.disturbance_std": [0.02, 0.05]}
 )
@@ -67,9 +68,13 @@ def consequence(kernel, run: Run, z: np.ndarray | None = None) -> Consequence:
     _, out = kernel.run(Tick(ticks, run.applied_commands, SMALL.sensors._replace(imu=slot)))
     y, S = out.innovation, out.innovation_cov
     refusals = np.einsum("ki,ki->k", y, np.linalg.solve(S, y[..., None])[..., 0]) > gate_limit(4.0, 3)
-    health = Health()
+    ekf = SMALL.estimator()
+    monitor, _ = sensor_monitor(SMALL, ekf, ekf.step)
+    health = Health(sensors=monitor)
+    sensors = SMALL.sensors
     reasons = [
-        bool(health.misfit_message(int(t), Estimate(*row))) for t, *row in zip(t_ns, *out, strict=True)
+        bool(health.events(Tick(int(t), u, sensors._replace(imu=Slot(1.0, y))), Estimate(*row)))
+        for t, u, y, *row in zip(t_ns, run.applied_commands, z, *out, strict=True)
     ]
     k = [float(1e-9 * t_ns[np.argmax(flags)]) if np.any(flags) else np.nan for flags in (refusals, reasons)]
     return Consequence(out.nu - run.truth.nu, refusals, *k)
