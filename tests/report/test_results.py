@@ -227,7 +227,7 @@ def test_the_data_frame_of_a_run_has_a_row_per_tick(results):
     run, frame = results["run"], results["run"].to_pandas()
     assert frame.index.name == "t_s"
     np.testing.assert_array_equal(frame["estimate.x_m"], run.estimate.eta[:, 0])
-    np.testing.assert_allclose(frame["imu.z3"].dropna(), run.sensors["imu"].z[:, 2])
+    np.testing.assert_allclose(frame["imu[2]"].dropna(), run.sensors["imu"].z[:, 2])
 
 
 def test_a_missing_pandas_is_reported_with_the_install_command(results, monkeypatch):

@@ -83,7 +83,7 @@ def columns_of(run: "Run") -> Iterator[tuple[str, np.ndarray]]:
             t_ns, channel.arrival_ns, np.column_stack([channel.z, seconds(channel.t_ns, run.start_ns)])
         )
         for i in range(channel.z.shape[1]):
-            yield f"{name}.z{i + 1}", rows[:, i]
+            yield f"{name}[{i}]", rows[:, i]
         yield f"{name}.t_s", rows[:, -1]
     for stage, kinds in (
         ("estimate", (POSE_COLUMNS, VELOCITY_COLUMNS)), ("reference", (POSE_COLUMNS, VELOCITY_COLUMNS)),
@@ -110,7 +110,7 @@ def newest_tick_rows(t_ns: np.ndarray, times: np.ndarray, values: np.ndarray) ->
     return rows
 
 
-def export_tum(run: "Run", path: Path | str, which: str = "estimate") -> Path:
+def export_tum(run: "Run", path: Path | str, trajectory: str = "estimate") -> Path:
     """Write a trajectory for evo and similar tools: time [s], x and y [m], heading as a quaternion.
 
     The rest before the drive is excluded, as in `compare`. A heading that is not finite becomes a quaternion of NaN.
@@ -121,7 +121,7 @@ def export_tum(run: "Run", path: Path | str, which: str = "estimate") -> Path:
         The run.
     path : path
         A new file.
-    which : str
+    trajectory : str
         "estimate", "reference" or "truth".
 
     Returns
@@ -142,10 +142,10 @@ def export_tum(run: "Run", path: Path | str, which: str = "estimate") -> Path:
     >>> print(export_tum(run, "truth.tum", "truth").read_text().splitlines()[0])
     # t_s x y z qx qy qz qw
     """
-    log = getattr(run.without_rest, which) if which in PATH_NAMES else None
+    log = getattr(run.without_rest, trajectory) if trajectory in PATH_NAMES else None
     if log is None:
         names = ", ".join(name for name in PATH_NAMES if getattr(run, name) is not None) or "none"
-        raise UsageError.of("runs.no-trajectory", run=run.name, value=which, trajectories=names)
+        raise UsageError.of("runs.no-trajectory", run=run.name, value=trajectory, trajectories=names)
     path = _checked_new_path(path)
     with write_then_appear(path) as file, io.TextIOWrapper(file, "utf-8", newline="\n") as stream:
         stream.write("# t_s x y z qx qy qz qw\n")

@@ -302,7 +302,7 @@ def calibrate(
     "--to", type=click.Choice(["csv", "tum"]), default="csv", show_default=True, help="Format of the file."
 )
 @click.option(
-    "--which",
+    "--trajectory",
     default="estimate",
     show_default=True,
     help=("Trajectory to write as TUM: estimate, truth or reference."),
@@ -315,13 +315,13 @@ def calibrate(
     type=click.Path(path_type=Path),
     help="File to write; default: the name of the run, .csv or .tum.",
 )
-def export(run: str, to: str, which: str, decimal: str, folder: str, out: Path | None) -> None:
+def export(run: str, to: str, trajectory: str, decimal: str, folder: str, out: Path | None) -> None:
     from baqueano.runs.export import export_csv, export_tum
 
     loaded_run = options.find_runs((run,), folder)[0]
     path = out if out is not None else Path(f"{loaded_run.name}.{to}")
     exported_path = (
-        export_csv(loaded_run, path, decimal) if to == "csv" else export_tum(loaded_run, path, which)
+        export_csv(loaded_run, path, decimal) if to == "csv" else export_tum(loaded_run, path, trajectory)
     )
     print_result(str(exported_path))
 
