@@ -22,8 +22,8 @@ class OmniRobot(AccelerationModel):
 
     commands: ClassVar[int] = 3
 
-    mass_kg: float = parameter("kg", "mass m", low=0.01, high=1e3, role="known", measured_by="the scale")
-    radius_m: float = parameter("m", "R", low=0.01, high=10.0, role="known", measured_by="the tape")
+    mass_kg: float = parameter("kg", "mass m", low=0.01, high=1e3, role="fixed", measured_by="the scale")
+    radius_m: float = parameter("m", "R", low=0.01, high=10.0, role="fixed", measured_by="the tape")
     inertia_kg_m2: float = parameter(
         "kg m²", "inertia I", low=1e-6, high=1e3, shown_by="turning on the spot, to and fro", symbol="I"
     )

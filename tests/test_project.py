@@ -19,7 +19,7 @@ def test_the_simulated_truth_differs_from_the_guess_in_all_fitted_parameters(nam
     count = 0
     for path, p in all_parameters(guess.vehicle, "model"):
         x, y = (np.atleast_1d(np.asarray(file.value(path), dtype=float)) for file in (guess, unknown_paths))
-        if p.role in ("fitted", "gain", "term", "reverse"):
+        if p.role in ("free", "gain", "term", "reverse"):
             assert np.all((x != y) == (x != 0.0)), path
             assert np.all(np.abs(np.log(y[x != 0.0] / x[x != 0.0])) < 0.6), path
             count += np.count_nonzero(x)

@@ -4,9 +4,9 @@ The vehicle file, the bounds of a fit, its free parameters, its advice and the l
 your own vehicle works like a vehicle of the package. `role` states whether a default fit estimates a parameter or keeps
 its value:
 
-    fitted   estimates                                   term    estimates if the value is not neutral
-    gain     estimates: the effect of a command          known   keeps: measured separately
-    offset   estimates: it acts without a command        scale   keeps: of a sensor, known from its data sheet
+    free     estimates                                   term    estimates if the value is not neutral
+    gain     estimates: the effect of a command          fixed   keeps: measured separately
+    offset   estimates: it acts without a command        scale   keeps: of a sensor, from its data sheet
     mount    estimates if a motion is known to be 0      noise   keeps: it does not act on the motion
     rolling  a term that is also estimated if no command pushes the vehicle sideways
     reverse  a term for drives backward, except in IMU-only fits
@@ -35,7 +35,7 @@ Kind = TypeVar("Kind", bound=type)
 SHOWN_BOUND = 1e3  # a larger bound only excludes absurd values, and is not shown to the reader
 SECTION_HEAD = re.compile(r"^(\w[\w ]*)\n-+$", re.M)  # of a docstring, as numpydoc has them
 SECTION_ENTRY = re.compile(r"^(\w+)\b.*(?:\n(?: .*|(?=\n)))*", re.M)
-ROLES = ("fitted", "gain", "offset", "term", "rolling", "reverse", "tyre", "mount", "known", "scale", "noise")
+ROLES = ("free", "gain", "offset", "term", "rolling", "reverse", "tyre", "mount", "fixed", "scale", "noise")
 TERM_ROLES = ("term", "rolling", "reverse", "tyre")
 Words = str | tuple[str, ...]  # for all entries, or one for each index of the first axis
 
@@ -93,7 +93,7 @@ class Parameter(NamedTuple):
     high: float
     meaning: str
     shape: tuple[int, ...] | None
-    role: str = "fitted"
+    role: str = "free"
     neutral: float | None = None
     term: Words = ""
     start: tuple[float, ...] = ()
@@ -122,7 +122,7 @@ def parameter(
     high: float = INF,
     default: object = dataclasses.MISSING,
     shape: tuple[int, ...] | None = (),
-    role: str = "fitted",
+    role: str = "free",
     **physics: Tree,
 ) -> Any:
     """Return a dataclass field that carries a `Parameter`. A term is neutral at 0 if `neutral` is not given.

@@ -154,7 +154,7 @@ def test_each_fitted_drivetrain_parameter_has_a_symbol(kind):
 @pytest.mark.parametrize("kind", VALID)
 def test_each_parameter_free_by_default_has_a_unique_symbol(kind):
     by_path = all_parameters(VALID[kind].model, "model")
-    paths = [path for path, p in by_path if p.role in ("fitted", "gain", "offset", "term")]
+    paths = [path for path, p in by_path if p.role in ("free", "gain", "offset", "term")]
     letters = [symbol(path, VALID[kind]) for path in paths]
     assert len(letters) > 5
     assert not any("texttt" in letter for letter in letters)

@@ -22,7 +22,7 @@ NOTEBOOK = "first_evening.ipynb"
 GUESS_FOLDER = Path(__file__).parent / "guesses"
 TRUTH_FILE = "simulated.toml"
 GUESS_ERROR_STD = 0.15  # standard deviation of ln(true value / guess) in a simulation
-FITTED_ROLES = ("fitted", "gain", *TERM_ROLES)  # roles of parameters
+FITTED_ROLES = ("free", "gain", *TERM_ROLES)  # roles of parameters
 # the docstrings and the comments of a block, which are written in the current language
 BLOCK_TEXT = re.compile(r'(?<=""")(?=\S)[^"]+(?=""")|(?<=# ).+')
 GUESS_TEMPLATE = """{text}

@@ -74,7 +74,7 @@ class Encoders:
     track_m: float = track_parameter()
     count_m: float = parameter(
         "m", "distance per count, c: 2π times the radius, divided by the counts of a turn", low=1e-7, high=1.0,
-        role="known", measured_by="rolling it over one metre",
+        role="fixed", measured_by="rolling it over one metre",
     )  # fmt: skip
     counter: float = parameter(
         "1",
@@ -82,7 +82,7 @@ class Encoders:
         low=4.0,
         high=2.0**32,
         default=65536.0,
-        role="known",
+        role="fixed",
     )
     tick_rate_hz: float = INF
     rate_hz: float = parameter("Hz", "readings per second", low=1e-3, high=1e5, default=50.0)

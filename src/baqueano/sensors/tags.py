@@ -56,7 +56,7 @@ class Tags:
     delay_s: ClassVar[float] = 0.0
 
     points_m: np.ndarray = parameter(
-        "m", "positions of the tags in the map, one row each", low=-1e4, high=1e4, shape=None, role="known"
+        "m", "positions of the tags in the map, one row each", low=-1e4, high=1e4, shape=None, role="fixed"
     )
     radius_m: float = parameter(
         "m", "lateral distance within which a tag is read", low=1e-4, high=100.0, default=0.05

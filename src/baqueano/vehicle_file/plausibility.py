@@ -167,9 +167,9 @@ def _fastest_path(vehicle: DynamicVehicle, i: int) -> str:
     if any(x > 0.0 for x in rate_by_path.values()):
         return max(rate_by_path, key=lambda path: rate_by_path[path])
     candidates = [k for k, p in model_fields.items() if p.shape == ()]
-    fitted_keys = [k for k in candidates if model_fields[k].role == "fitted"]
+    free_keys = [k for k in candidates if model_fields[k].role == "free"]
     return min(
-        fitted_keys or candidates,
+        free_keys or candidates,
         key=lambda k: decay_rates(with_value(model, k, 1.01 * value_at_path(model, k))["model"])[i],
     )
 

@@ -67,7 +67,7 @@ class Car:
         "distance from the rear to the front axle, L",
         low=1e-3,
         high=100.0,
-        role="known",
+        role="fixed",
         measured_by="the tape",
     )
     throttle_gain: float = parameter(
@@ -84,7 +84,7 @@ class Car:
         low=-100.0,
         high=100.0,
         default=0.0,
-        role="known",
+        role="fixed",
     )
     steering_offset_rad: float = parameter(
         "rad", "steering angle without a command", low=-1.5, high=1.5, default=0.0, role="offset",
@@ -117,7 +117,7 @@ class Car:
         symbol="d_b", sign_speed="coulomb_speed_m_s",
     )  # fmt: skip
     coulomb_speed_m_s: float = parameter(
-        "m/s", "speed over which dry friction changes sign", low=1e-4, high=1e3, default=0.05, role="known"
+        "m/s", "speed over which dry friction changes sign", low=1e-4, high=1e3, default=0.05, role="fixed"
     )
     cornering_drag: float = parameter(
         "1/rad", "drag of cornering k", low=0.0, high=100.0, default=0.0, neutral=0.0,
@@ -134,7 +134,7 @@ class Car:
     )  # fmt: skip
     drivetrain: Drivetrain = field(
         default_factory=lambda: Drivetrain(commands=2),
-        metadata={"roles": {"dead_zone_backward": "reverse", "coast": "known"}},
+        metadata={"roles": {"dead_zone_backward": "reverse", "coast": "fixed"}},
     )
     process_noise_std: np.ndarray = parameter(
         "m/s/√s, m/s/√s, rad/s/√s", "random walk of ν in 1 s; the second is not used", low=0.0, high=1e6,

@@ -130,12 +130,12 @@ class Drivetrain:
     has_servo_lag: bool = False
     has_back_emf: bool = False
     limit: np.ndarray = parameter(
-        "unit of u", "largest magnitude of a channel", low=0.0, default=(INF,), shape=None, role="known",
+        "unit of u", "largest magnitude of a channel", low=0.0, default=(INF,), shape=None, role="fixed",
         shown_by="commands beyond what the {nth} motor can do", symbol="u_{m}",
     )  # fmt: skip
     duty_step: float = parameter(
         "unit of u", "step of a channel: 1/255 of a duty with 8 bits; 0 for none", low=0.0, high=1.0, default=0.0,
-        role="known", symbol="q_{u}",
+        role="fixed", symbol="q_{u}",
     )  # fmt: skip
     dead_zone_forward: np.ndarray = parameter(
         "unit of u", "channel below which a motor does not turn, forward", low=0.0, high=1e6, default=(0.0,),
@@ -149,7 +149,7 @@ class Drivetrain:
     )  # fmt: skip
     gain: np.ndarray = parameter(
         "1", "slope of a channel: motors are not equal", low=0.0, high=1e3, default=(1.0,), shape=None,
-        role="known", symbol="g",
+        role="fixed", symbol="g",
     )  # fmt: skip
     coast: np.ndarray = parameter(
         "1", "1 if a motor coasts between pulses, 0 if it brakes (kinematic)", low=0.0, high=1.0,
@@ -167,7 +167,7 @@ class Drivetrain:
     )  # fmt: skip
     delay_s: float = parameter(
         "s", "delay from command to motor", low=0.0, high=LARGEST_DELAY_S, default=0.0,
-        role="known", neutral=0.0, term="delay", start=DELAY_STARTS_S, shown_by="sudden changes of the command",
+        role="fixed", neutral=0.0, term="delay", start=DELAY_STARTS_S, shown_by="sudden changes of the command",
         symbol=r"\Delta t",
     )  # fmt: skip
     back_emf_share: float = parameter(
@@ -175,17 +175,17 @@ class Drivetrain:
         default=0.0, role="term", term="back-EMF behind the lag", start=(1.0,), requires="lag_s",
         shown_by="sudden changes of the command", symbol="e", label="back-EMF behind the lag",
     )  # fmt: skip
-    battery_v: float = parameter("V", "voltage of the battery", low=0.1, high=1e3, default=6.0, role="known")
+    battery_v: float = parameter("V", "voltage of the battery", low=0.1, high=1e3, default=6.0, role="fixed")
     battery_nominal_v: float = parameter(
-        "V", "voltage for which the actuator matrix is valid", low=0.1, high=1e3, default=6.0, role="known"
+        "V", "voltage for which the actuator matrix is valid", low=0.1, high=1e3, default=6.0, role="fixed"
     )
     battery_effect: float = parameter(
         "1", "fraction of a change of voltage that reaches the motors, κ", low=0.0, high=3.0, default=1.0,
-        role="known", shown_by="a voltage that changes: runs with a full and with an empty battery",
+        role="fixed", shown_by="a voltage that changes: runs with a full and with an empty battery",
         symbol="b",
     )  # fmt: skip
     sag: float = parameter(
-        "1", "fraction of the voltage lost at full command", low=0.0, high=0.9, default=0.0, role="known",
+        "1", "fraction of the voltage lost at full command", low=0.0, high=0.9, default=0.0, role="fixed",
         neutral=0.0, term="battery sag", start=(0.05,), shown_by="small commands and the largest ones",
         symbol="s_{b}",
     )  # fmt: skip

@@ -65,7 +65,7 @@ class Friction:
     )  # fmt: skip
     coulomb_speed: np.ndarray = parameter(
         "m/s, m/s, rad/s", "speed over which dry friction changes sign", low=1e-4, high=1e3,
-        default=(0.05, 0.05, 0.5), shape=(3,), role="known",
+        default=(0.05, 0.05, 0.5), shape=(3,), role="fixed",
     )  # fmt: skip
     cornering: float = parameter(
         "kg/rad", "drag of cornering k", low=0.0, high=1e6, default=0.0, role="rolling",
@@ -87,7 +87,7 @@ class Friction:
     )  # fmt: skip
     track_m: float = parameter(
         "m", "distance from the left to the right wheel, b; 0 if unknown", low=0.0, high=100.0, default=0.0,
-        role="known", measured_by="the tape", shown_by="turns whose angle is known", symbol="b_{t}",
+        role="fixed", measured_by="the tape", shown_by="turns whose angle is known", symbol="b_{t}",
     )  # fmt: skip
 
     def __post_init__(self) -> None:

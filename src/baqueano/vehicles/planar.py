@@ -55,10 +55,10 @@ class Planar:
     commands: ClassVar[int] = 3
 
     mass_kg: float = parameter(
-        "kg", "mass m", low=1e-3, high=1e5, role="known", measured_by="the scale", symbol="m"
+        "kg", "mass m", low=1e-3, high=1e5, role="fixed", measured_by="the scale", symbol="m"
     )
     inertia_kg_m2: float = parameter(
-        "kg m²", "inertia I about the centre of mass", low=1e-9, high=1e7, role="known",
+        "kg m²", "inertia I about the centre of mass", low=1e-9, high=1e7, role="fixed",
         measured_by="½ m R²", symbol="I",
     )  # fmt: skip
     actuator_matrix: np.ndarray = parameter(
@@ -67,20 +67,20 @@ class Planar:
         label=("motor force", "sideways motor force", "motor torque"),
     )  # fmt: skip
     centre_of_mass_x_m: float = parameter(
-        "m", "distance c from the axle forward to the centre of mass", low=-10.0, high=10.0, default=0.0, role="known",
+        "m", "distance c from the axle forward to the centre of mass", low=-10.0, high=10.0, default=0.0, role="fixed",
         term="centre of mass", start=(0.01, -0.01), shown_by="sudden changes of yaw rate, and turning fast",
         symbol="x_{c}",
     )  # fmt: skip
     friction: Friction = field(default_factory=Friction)
-    drivetrain: Drivetrain = field(default_factory=Drivetrain, metadata={"roles": {"coast": "known"}})
-    slope_rad: float = parameter("rad", "slope of the floor, α", low=0.0, high=1.5, default=0.0, role="known")
+    drivetrain: Drivetrain = field(default_factory=Drivetrain, metadata={"roles": {"coast": "fixed"}})
+    slope_rad: float = parameter("rad", "slope of the floor, α", low=0.0, high=1.5, default=0.0, role="fixed")
     slope_heading_rad: float = parameter(
         "rad",
         "direction in the map in which the floor rises, χ",
         low=-7.0,
         high=7.0,
         default=0.0,
-        role="known",
+        role="fixed",
     )
     process_noise_std: np.ndarray = parameter(
         "m/s/√s, m/s/√s, rad/s/√s",

@@ -142,7 +142,7 @@ def _keeps_turning_gains(end: "FinishedFit") -> bool:
 
 def _affects_turning(parameter: FreeParameter) -> bool:
     """Return True for a gain or a measure of the vehicle on which its turning depends."""
-    is_gain = parameter.definition.role in ("gain", "known") and parameter.path.startswith("model.")
+    is_gain = parameter.definition.role in ("gain", "fixed") and parameter.path.startswith("model.")
     return is_gain and parameter.axis in (None, 2) and not parameter.unit.startswith("m/s")
 
 

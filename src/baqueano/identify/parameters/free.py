@@ -37,7 +37,7 @@ from baqueano.vehicles.freedoms import (
 )
 from baqueano.vehicles.rk4 import row_rate_hz
 
-FREE_ROLES = ("fitted", "gain", "offset")  # roles of fields that are free by default
+FREE_ROLES = ("free", "gain", "offset")  # roles of fields that are free by default
 SIDEWAYS = 1  # axis
 MIN_BACKWARD_NS = 1e9  # duration of drive backward, for the parameters with the role "reverse"
 MAX_TURN_RAD = 0.35  # of a mount by hand; a larger one exchanges axes, and is named as a wrong mount
@@ -288,7 +288,7 @@ def _friction_bounds(
     bounds: dict[str, float] = {}
     slack = np.maximum(MAX_DECAY_PER_ROW * row_rate_hz(rate_hz) - decay_rates(blocks.model, axes), 0.0)
     fields = {path.partition("[")[0] for path in paths} - set(WHEEL_FRICTIONS)
-    fields &= {path for path, p in all_parameters(blocks.model, "model") if p.role != "known"}
+    fields &= {path for path, p in all_parameters(blocks.model, "model") if p.role != "fixed"}
     slopes = damping_derivatives(blocks.model, fields, axes)
     free_slopes = {path: slope for path, slope in slopes if path in paths}
     for i in range(3):
