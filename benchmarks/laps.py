@@ -7,7 +7,7 @@ import numpy as np
 from baqueano.geometry import compose
 from baqueano.guides.shapes import circle
 from baqueano.tune.laps import simulated_laps
-from baqueano.tune.objective import ASIDE_M
+from baqueano.tune.objective import OFFSET_M
 from baqueano.vehicle_file import load
 from benchmarks import peers
 from benchmarks.harness import ROUNDS, Bench, Case, measured
@@ -22,7 +22,7 @@ def benches(smallest: bool) -> list[Bench]:
     low, high = laps.space.low, np.minimum(laps.space.high, [200.0, 200.0, 20.0])
     gains = np.random.default_rng(1).uniform(low, high, (count, 3))
     theta, m, I = peers.parameters()
-    start = compose(ROUTE.eta[0], np.array([-ASIDE_M, ASIDE_M, 0.0]))
+    start = compose(ROUTE.eta[0], np.array([-OFFSET_M, OFFSET_M, 0.0]))
     ticks, weights = round(laps.seconds * file.rate_hz), laps.weights
 
     def by_numpy():

@@ -56,7 +56,7 @@ def main():
     parser.add_argument("--jerk", type=float, default=0.1, help="price of jerks; 0: the paper's cost")
     args = parser.parse_args()
     smallest = args.smallest
-    options = {"duration_s": 1.0 if smallest else DURATION_S, "aside_m": 0.0, "jerk_m2": args.jerk}
+    options = {"duration_s": 1.0 if smallest else DURATION_S, "offset_m": 0.0, "jerk_m2": args.jerk}
     draws, judges = (2, 3) if smallest else (DRAWS, JUDGES)
     file = vehicle()
     robust = tune(file, ROUTE, draws=draws, starts=STARTS, polish=False, **options)

@@ -31,7 +31,7 @@ def benches(smallest: bool) -> list[Bench]:
     from scipy.optimize import minimize
 
     file = load("case-study-1")
-    rehearsal = tuning_objective(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, aside_m=0.0)
+    rehearsal = tuning_objective(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, offset_m=0.0)
     low, high = rehearsal.space.low, rehearsal.space.high
     fixed_bounds = {name: (l, h) for name, l, h in zip(rehearsal.space.names, low, high, strict=True)}
     tuning = by_baqueano(file, duration_s, fixed_bounds)
@@ -86,4 +86,4 @@ def evolution(rehearsal, bounds, evaluations):
 
 def by_baqueano(file, duration_s, bounds=None):
     """Return our tuning with the paper's cost, within the bounds of the peers."""
-    return tune(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, aside_m=0.0, bounds=bounds)
+    return tune(file, ROUTE, laps=0, duration_s=duration_s, jerk_m2=0.0, offset_m=0.0, bounds=bounds)

@@ -13,8 +13,10 @@ import pytest
 
 from baqueano.messages import templates
 from baqueano.messages.language import LANGUAGES
+from baqueano.parameter import ROLES
 from docs.site.reference import catalogue_file
 from tests.catalogues import fields, places, read_catalogue
+from tests.cli.test_in_spanish import helps
 
 SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
 WORDS = 25  # of a sentence; a figure counts as one
@@ -243,6 +245,21 @@ def test_no_name_in_the_code_contains_a_verb_of_saying_or_is_an_adverb():
     assert not names, f"name what it holds: {sorted(names)}"
 
 
+def test_no_option_and_no_role_of_a_parameter_is_a_verb_of_saying_or_an_adverb():
+    options = {
+        name.lstrip("-").replace("-", "_")
+        for _, command in helps()
+        for param in command.params
+        for name in (*param.opts, *param.secondary_opts)
+    }
+    names = [
+        name
+        for name in {*options, *ROLES} - USUAL - {"held_out"}
+        if VERBS.intersection(words_of(name)) or ADVERBS.fullmatch(name)
+    ]
+    assert not names, f"name what it gives: {sorted(names)}"
+
+
 def test_no_key_of_a_row_is_a_verb_of_saying():
     keys = {
         f"{path.relative_to(SOURCE)}: {key.value}"
@@ -266,7 +283,7 @@ NO_NOUNS = re.compile(
 )
 ADVERBS = re.compile(
     NO_NOUNS.pattern + "|along|around|inside|until|otherwise|alone|anew|both|quiet|whole|never|seldom|hardly|"
-    "together|nothing|alike|beneath|me|us|them"
+    "together|nothing|alike|beneath|me|us|them|which|with|anyway"
 )
 # usual or public names
 USUAL = {
@@ -299,9 +316,7 @@ def test_a_figure_of_a_message_is_named_by_a_noun():
 def is_without_noun(name):
     """Return True if the name lacks a noun, apart from its unit."""
     word = re.sub(r"_(?:n|rad|deg|m|s|s2|ms|cm|kg|hz|v|percent|std)(?=_|$)", "", name)
-    return name != "aside_m" and (
-        NO_NOUNS.fullmatch(word) or (PAST.fullmatch(word) and word not in {*WORDS_IN_ED, "expected"})
-    )
+    return bool(NO_NOUNS.fullmatch(word) or (PAST.fullmatch(word) and word not in {*WORDS_IN_ED, "expected"}))
 
 
 def test_no_code_of_a_message_is_a_verb_of_saying():

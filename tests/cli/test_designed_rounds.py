@@ -32,8 +32,8 @@ def one_noise(monkeypatch):
 
 
 def test_the_last_round_is_written_and_starts_the_next_fit(baqueano, quick, one_noise, tmp_path):
-    arguments = ("--signal", "designed", "--known", "--rounds", "2", "--seconds", "8", "--update", "--json")
-    end = baqueano("experiment", "--vehicle", "small", "--robot", "simulated:small", *arguments)
+    arguments = ("--signal", "designed", "--trust-file", "--rounds", "2", "--seconds", "8", "--update")
+    end = baqueano("experiment", "--vehicle", "small", "--robot", "simulated:small", *arguments, "--json")
     assert end.code == 0, end.err
     rows = {(row["round"], row["name"]): row for row in end.reply["rows"]}
     estimate = rows[2, NAME]["estimate"]

@@ -45,7 +45,7 @@ def test_tune_reports_the_same_cost_in_python_and_on_the_command_line(baqueano):
     from baqueano.tune.objective import tuning_objective
 
     defaults = {param.name: param.default for param in tune.params}
-    for name in ("jerk_m2", "aside_m"):
+    for name in ("jerk_m2", "offset_m"):
         assert defaults[name] == signature(tuning_objective).parameters[name].default == 0.1
 
 

@@ -286,3 +286,10 @@ def test_one_placeholder_has_one_name_in_all_helps():
     words = {word for metavar in metavars for word in re.findall(r"[A-Z]{3,}", metavar)}
     assert {"ARCHIVO", "CARPETA", "CLAVE", "CORRIDA", "CORRIDAS", "MAPA", "NOMBRE", "RUTA"} <= words
     assert words.isdisjoint(set(language.PLACEHOLDERS) - {"FACTOR"})
+
+
+def test_a_file_and_a_folder_have_one_placeholder_each_in_english_helps():
+    commands = [translate_command(command) for _, command in helps()]
+    words = {p.make_metavar(click.Context(command)) for command in commands for p in command.params}
+    assert {"FILE", "FOLDER"} <= words
+    assert words.isdisjoint({"PATH", "DIRECTORY"})

@@ -89,7 +89,7 @@ def test_the_error_about_a_damaged_file_does_not_advise_the_same_command():
     ("line", "right"),
     [
         ("teach a --speed 0,3", "teach a --speed 0.3"), ("teach a --speed=0,3", "teach a --speed=0.3"),
-        ("compare 3 --skip 0,5", "compare 3 --skip 0.5"), ("drive --share 0,5", "drive --share 0.5"),
+        ("compare 3 --skip 0,5", "compare 3 --skip 0.5"), ("drive --command-share 0,5", "drive --command-share 0.5"),
         ("experiment --set model.mass_kg=0,7", "experiment --set model.mass_kg=0.7"),
     ],
 )  # fmt: skip

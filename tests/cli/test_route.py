@@ -125,7 +125,7 @@ def test_the_highest_speeds_are_not_called_faster_if_the_route_takes_longer(monk
     monkeypatch.setattr("baqueano.cli.driving.route.print_message", messages.append)
     fastest_route(at_speed(shape, 0.05), "lab", file)
     assert messages == []
-    result = fastest_route(at_speed(shape, 3.0), "lab", file, share=0.5)
+    result = fastest_route(at_speed(shape, 3.0), "lab", file, command_share=0.5)
     (message,) = messages
     assert message.code == "cli.route-slower"
     assert (message.figures["duration_s"], message.figures["percent"]) == (result.t_s[-1], 50.0)
@@ -141,12 +141,12 @@ def test_the_advised_command_quotes_the_name_and_lets_two_routes_join(lab):
     assert lab("route", "join", "turned", "my back").code == 0
 
 
-def test_the_anyway_option_permits_a_fast_route(lab, tmp_path):
+def test_the_force_option_permits_a_fast_route(lab, tmp_path):
     lab("route", "faster", "lab", "--speed", "0.6")
     line = "repeat", "lab-speed", "--vehicle", "small"
     assert lab(*line).code == AnswerNo.exit_code
     assert not list((tmp_path / "runs").glob("*.mcap"))
-    lab(*line, "--anyway")
+    lab(*line, "--force")
     assert len(list((tmp_path / "runs").glob("*-repeat.mcap"))) == 1
 
 

@@ -23,8 +23,8 @@ def test_no_law_remains_beside_its_circle_if_its_model_is_wrong(law, name, chang
     file, route = load(name), circle(radius_m, speed)
     (_, eta, _), *_ = drives(file, route, law, 9.5, [((0.0, 0.0, 0.0), speed)], file.with_values(changes))
     centre = compose(route.eta[0], np.array([0.0, radius_m, 0.0]))[:2]
-    aside_m = np.hypot(*(eta[-round(3.0 * file.rate_hz) :, :2] - centre).T) - radius_m
-    assert np.abs(aside_m).mean() < 0.0015
+    cross_track_m = np.hypot(*(eta[-round(3.0 * file.rate_hz) :, :2] - centre).T) - radius_m
+    assert np.abs(cross_track_m).mean() < 0.0015
 
 
 def test_a_wheel_at_its_limit_does_not_wind_up_the_integral_of_the_turn():

@@ -90,8 +90,8 @@ def test_mpc_does_not_remain_beside_its_circle_if_its_model_is_wrong(name, chang
     file, route = load(name), circle(radius_m, speed)
     start, centre = route.eta[0], compose(route.eta[0], np.array([0.0, radius_m, 0.0]))[:2]
     poses, _ = drive(law(file), file.with_values(changes), route, start, 9.5, speed)
-    aside_m = np.hypot(*(poses[-round(3.0 * HZ) :, :2] - centre).T) - radius_m
-    assert np.abs(aside_m).mean() < 0.001
+    cross_track_m = np.hypot(*(poses[-round(3.0 * HZ) :, :2] - centre).T) - radius_m
+    assert np.abs(cross_track_m).mean() < 0.001
 
 
 def test_mpc_drives_a_custom_vehicle_class():

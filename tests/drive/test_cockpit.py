@@ -73,7 +73,7 @@ def wait(hand, terminal, seconds):
 
 
 def test_keys_command_only_a_share_of_the_limit():
-    with cockpit(Terminal(kitty=True), share=0.5) as (terminal, hand):
+    with cockpit(Terminal(kitty=True), command_share=0.5) as (terminal, hand):
         assert (RELEASES_ON, RELEASES_OFF) in terminal.changes
         terminal.type("w", "a")
         np.testing.assert_allclose(wait(hand, terminal, 3.0), [0.5, 0.0, 0.4])
@@ -161,7 +161,7 @@ def test_the_space_bar_latches_a_stop_and_q_ends_the_drive():
 
 
 def test_a_slow_connection_limits_the_speed():
-    with cockpit(Terminal(kitty=True, trip_s=0.1), share=1.0) as (terminal, hand):
+    with cockpit(Terminal(kitty=True, trip_s=0.1), command_share=1.0) as (terminal, hand):
         hand.show({"link_ms": 60.0})
         terminal.type("w")
         assert wait(hand, terminal, 1.0)[0] == pytest.approx(80.0 / 160.0, rel=0.15)
@@ -232,7 +232,7 @@ MOTORS = Drivetrain(
 
 
 def test_a_set_point_below_the_dead_zone_is_reported_until_motion_begins():
-    with cockpit(Terminal(), latched=True, share=0.4, drivetrain=MOTORS) as (terminal, hand):
+    with cockpit(Terminal(), latched=True, command_share=0.4, drivetrain=MOTORS) as (terminal, hand):
         hand()
         assert hand.status.standstill_reason == "", "no motion is commanded"
         terminal.type("w", "w")
@@ -253,7 +253,7 @@ def test_a_set_point_below_the_dead_zone_is_reported_until_motion_begins():
 
 
 def test_the_dead_zone_warning_in_a_turn_depends_on_the_wheel_commands():
-    with cockpit(Terminal(kitty=True), share=0.2, drivetrain=MOTORS) as (terminal, hand):
+    with cockpit(Terminal(kitty=True), command_share=0.2, drivetrain=MOTORS) as (terminal, hand):
         terminal.type("a")
         assert wait(hand, terminal, 1.0)[2] == pytest.approx(0.16)
         assert hand.status.standstill_reason == "0.16 is below the dead zone of 0.20: nothing moves; press +"
@@ -264,7 +264,7 @@ def test_the_dead_zone_warning_in_a_turn_depends_on_the_wheel_commands():
 
 
 def test_a_short_key_press_gives_no_dead_zone_warning():
-    with cockpit(Terminal(), share=0.4, drivetrain=MOTORS) as (terminal, hand):
+    with cockpit(Terminal(), command_share=0.4, drivetrain=MOTORS) as (terminal, hand):
         terminal.type("w")
         assert wait(hand, terminal, 0.1)[0] == pytest.approx(0.12)
         assert hand.status.standstill_reason == ""

@@ -220,7 +220,7 @@ def test_a_pad_on_another_system_than_linux_is_refused(monkeypatch):
 
 def test_a_button_of_the_pad_stops_the_vehicle(plug):
     kernel = pad()
-    with cockpit(Terminal(), share=1.0, pad=open_pad(plug(kernel))) as (_, hand):
+    with cockpit(Terminal(), command_share=1.0, pad=open_pad(plug(kernel))) as (_, hand):
         kernel.change((KEY, EAST, 1))
         hand()
         assert hand.stop_reason(0).code == StopReason.DRIVER

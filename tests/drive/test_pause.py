@@ -44,7 +44,7 @@ def drive(guide, paces, pushes, seconds, start=LAP.eta[0]):
     return t_s, np.array(columns[:3]).T, columns[3], np.array(columns[4:]).T
 
 
-def aside_m(poses):
+def cross_track_m(poses):
     return np.abs(np.hypot(poses[:, 0], poses[:, 1] - RADIUS_M) - RADIUS_M)
 
 
@@ -58,7 +58,7 @@ def test_a_vehicle_stays_where_a_person_puts_it_in_a_pause_and_then_joins_its_ro
     assert np.max(np.abs(u[is_pause])) < 0.01
     assert np.min(speed[is_after]) > -0.01  # it does not reverse
     assert np.max(speed[is_after]) < 0.22  # and does not hurry
-    assert np.max(aside_m(poses[t_s > 14.0])) < 0.005
+    assert np.max(cross_track_m(poses[t_s > 14.0])) < 0.005
 
 
 @pytest.mark.parametrize("pause_s", [0.0, 0.3, 1.0, 2.0, 4.0])
@@ -72,13 +72,13 @@ def test_a_path_to_the_route_can_be_paused_at_any_time(pause_s):
         is_pause = (t_s > pause_s + begin_s) & (t_s < pause_s + end_s)
         assert np.ptp(poses[is_pause], axis=0) == pytest.approx(0.0, abs=1e-3)
     assert np.min(speed) > -0.01
-    assert np.max(aside_m(poses[t_s > pause_s + 13.0])) < 0.005
+    assert np.max(cross_track_m(poses[t_s > pause_s + 13.0])) < 0.005
 
 
 @pytest.mark.parametrize("kind", GUIDES)
 def test_a_pause_without_a_push_does_not_change_the_path(kind):
     _, plain_poses, *_ = drive(GUIDES[kind], {}, {}, 10.0)
     t_s, poses, _, _ = drive(GUIDES[kind], {4.0: 0.0, 7.0: 1.0}, {}, 13.0)
-    assert np.max(aside_m(poses)) < np.max(aside_m(plain_poses)) + 0.002
+    assert np.max(cross_track_m(poses)) < np.max(cross_track_m(plain_poses)) + 0.002
     assert np.hypot(*(poses[-1] - plain_poses[-1])[:2]) < 0.15  # only the ramps cost time
     assert np.ptp(poses[(t_s > 5.5) & (t_s < 7.0), :2], axis=0) == pytest.approx(0.0, abs=1e-3)

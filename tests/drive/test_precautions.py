@@ -76,18 +76,18 @@ def test_a_room_as_text_is_the_room_of_the_vehicle():
     assert examine(LAP, SMALL, "2x3").clearance_m == examine(LAP, SMALL, room).clearance_m
 
 
-def test_the_anyway_option_permits_high_speed_but_not_nan():
-    run = repeat(SMALL, circle(1.0, 2.0), anyway=True, duration_s=0.1)
+def test_the_force_option_permits_high_speed_but_not_nan():
+    run = repeat(SMALL, circle(1.0, 2.0), force=True, duration_s=0.1)
     assert len(run.t_ns) > 5
     rows = LAP.nu.copy()
     rows[7] = np.nan
     with refused("route.no-number", AnswerNo):
-        repeat(SMALL, LAP._replace(nu=rows), anyway=True)
+        repeat(SMALL, LAP._replace(nu=rows), force=True)
 
 
 def test_a_route_that_a_guessed_model_can_hardly_drive_is_a_warning_of_the_run():
     guess = as_fitted(SMALL)
-    run = repeat(guess, circle(1.0, 2.0), anyway=True, duration_s=0.1)
+    run = repeat(guess, circle(1.0, 2.0), force=True, duration_s=0.1)
     (event,) = [event for event in run.events if event.source == "drive" and event.level == "warning"]
     assert event.diagnostic.code == "route.speed-too-high"
 
@@ -312,7 +312,7 @@ def test_a_mission_contains_its_precautions_and_the_start_pose():
 @pytest.mark.parametrize(
     "names",
     [
-        {"anyway": 1},
+        {"force": 1},
         {"time_limit_s": "long"},
         {"nothing": True},
         {"room": {"free": [1.0]}},

@@ -136,7 +136,7 @@ def test_the_page_states_that_the_vehicle_rests():
 def test_the_exported_trajectories_give_the_error_of_a_comparison(run, tmp_path):
     """The formula of `evo_ape tum truth.tum estimate.tum` on both files: neither contains the rest."""
     true_path, estimated_path = (
-        np.loadtxt(export_tum(run, tmp_path / which, which)) for which in ("truth", "estimate")
+        np.loadtxt(export_tum(run, tmp_path / name, name)) for name in ("truth", "estimate")
     )
     np.testing.assert_array_equal(true_path[:, 0], estimated_path[:, 0])
     ate_m = np.sqrt(np.mean(np.sum((true_path - estimated_path)[:, 1:3] ** 2, axis=1)))

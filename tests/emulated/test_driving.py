@@ -145,7 +145,7 @@ def test_the_space_bar_latches_the_stop_of_the_vehicle(driver):
 
 def test_heading_control_acts_on_straight_driving_but_not_in_turns(driver):
     terminal = Terminal(kitty=True)
-    person = driver(terminal, hold=True, share=0.8)
+    person = driver(terminal, hold=True, command_share=0.8)
     end, run = person.drives(
         (0.2, lambda: terminal.type("w")), (2.5, lambda: terminal.type("a")),
         (3.5, lambda: terminal.type("q")),

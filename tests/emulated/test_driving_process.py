@@ -34,7 +34,7 @@ def screens(service, vehicle, live, tmp_path):  # noqa: F811
             with connect(str(door)) as remote:
                 ready(remote)
             screen = Terminal(
-                tmp_path, "drive", "--robot", str(door), "--vehicle", str(vehicle.path), "--share", "0.9", "-o",
+                tmp_path, "drive", "--robot", str(door), "--vehicle", str(vehicle.path), "--command-share", "0.9", "-o",
                 f"{len(terminals)}.mcap", gone_s=MAX_SILENCE_S,
             )  # fmt: skip
             terminals.append(screen)

@@ -178,12 +178,12 @@ def test_a_reference_that_waits_follows_an_even_motion_evenly(sign):
     poses = np.diag([sign * 2.0, 0.0, 0.0])[[1, 0]]
     guide = RepeatByProgress(np.array([0.0, 8.0]), poses, np.tile([sign * 0.25, 0.0, 0.0], (2, 1)))
     ways_m = np.arange(0.6, 1.0, 0.001)
-    paces, aside_m, _ = zip(
+    paces, lateral_m, _ = zip(
         *(guide._pace(4.0, estimate_at([sign * x, 0.05, 0.0])) for x in ways_m), strict=True
     )
     assert np.abs(np.diff(paces)).max() < 1.01 * 0.001 / guide.wait_m
     assert (paces[0], paces[-1]) == (-1.0, 1.0)
-    assert np.array(aside_m) == pytest.approx(0.05, abs=1e-9)
+    assert np.array(lateral_m) == pytest.approx(0.05, abs=1e-9)
 
 
 def test_a_closed_turn_on_the_spot_advances_with_time():

@@ -39,12 +39,12 @@ def test_swapped_imu_axes_of_an_omnidirectional_vehicle_are_refused_and_named(ca
     assert "axes.inverted" not in codes(fit.reasons)
 
 
-@pytest.mark.parametrize(("axis", "which"), [(0, "first"), (1, "second"), (2, "third")])
-def test_an_inverted_imu_axis_is_named(case, case_run, axis, which):
+@pytest.mark.parametrize(("axis", "ordinal"), [(0, "first"), (1, "second"), (2, "third")])
+def test_an_inverted_imu_axis_is_named(case, case_run, axis, ordinal):
     sign = np.where(np.arange(3) == axis, -1.0, 1.0)
     fit = identify(with_imu(case_run(0, 20.0), lambda z: z * sign), case)
     assert fit.verdict == "REFUSED"
-    assert f"mount.{which}-inverted" in codes(fit.reasons)
+    assert f"mount.{ordinal}-inverted" in codes(fit.reasons)
 
 
 def test_swapped_motors_are_not_reported_as_a_swapped_imu(case, case_run):

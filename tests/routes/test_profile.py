@@ -37,7 +37,7 @@ def ice():
 def test_without_friction_acceleration_and_braking_are_constant(ice):
     """L = a T² / 4 for a vehicle that accelerates over the first half and brakes over the second."""
     for share in (0.5, 1.0):
-        route = fastest(line(2.0, 0.1), ice, share=share)
+        route = fastest(line(2.0, 0.1), ice, command_share=share)
         assert route.t_s[-1] == pytest.approx(2.0 * np.sqrt(2.0 / share), rel=0.03)
         assert np.max(route.nu[:, 0]) == pytest.approx(np.sqrt(2.0 * share), rel=0.02)
 
@@ -163,22 +163,22 @@ def test_the_route_is_checked_against_the_walls_of_the_room():
 def test_limits_out_of_range_are_refused():
     small, lap = load("small"), circle(0.5, 0.2)
     with refused("route.limit", UsageError):
-        fastest(lap, small, share=1.5)
+        fastest(lap, small, command_share=1.5)
     with refused("route.speed", UsageError):
         fastest(lap, small, speed_m_s=0.0)
-    with refused("route.too-tight", UsageError, share=0.01) as refusal:
-        fastest(lap, small, share=0.01)
-    assert "--share" in refusal.value.diagnostic.fix
+    with refused("route.too-tight", UsageError, command_share=0.01) as refusal:
+        fastest(lap, small, command_share=0.01)
+    assert "--command-share" in refusal.value.diagnostic.fix
 
 
 def test_a_curve_that_needs_more_than_the_default_share_is_refused_with_a_share_that_is_enough():
     """Before, the curve was called too small for the vehicle, and smoothing was advised, which does not help."""
     car, lap = load("car"), circle(0.335, 0.2)
-    with refused("route.too-tight", UsageError, share=0.8) as refusal:
+    with refused("route.too-tight", UsageError, command_share=0.8) as refusal:
         fastest(lap, car)
-    share = float(refusal.value.diagnostic.fix.split("--share ")[1])
+    share = float(refusal.value.diagnostic.fix.split("--command-share ")[1])
     assert 0.8 < share < 1.0
-    assert fastest(lap, car, share=share).nu[:, 0].min() > 0.1
+    assert fastest(lap, car, command_share=share).nu[:, 0].min() > 0.1
     with refused("route.too-tight", UsageError) as refusal:
         fastest(circle(0.2, 0.2), car)
     assert "smooth" in refusal.value.diagnostic.fix

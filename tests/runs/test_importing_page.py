@@ -24,8 +24,8 @@ TRUE = {
 }
 
 
-def of_page(kind, which=0):
-    return re.findall(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL)[which]
+def of_page(kind, index=0):
+    return re.findall(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL)[index]
 
 
 def trials(vehicle):

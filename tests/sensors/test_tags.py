@@ -72,14 +72,14 @@ def test_the_tag_reader_is_at_its_lever_arm_on_the_vehicle():
 
 @QUICK
 @given(st.floats(-np.pi, np.pi), st.floats(0.005, 0.3), st.floats(-0.099, 0.099))
-def test_a_straight_path_over_a_tag_gives_one_reading(psi, step_m, aside_m):
+def test_a_straight_path_over_a_tag_gives_one_reading(psi, step_m, lateral_m):
     tags = Tags(points_m=np.array([[0.3, -0.2]]), radius_m=0.1)
     forward, left = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
     ways = np.arange(-0.5, 0.5 + step_m, step_m)
-    readings = readings_of(tags, [pose(*(tags.points_m[0] + s * forward + aside_m * left)) for s in ways])
+    readings = readings_of(tags, [pose(*(tags.points_m[0] + s * forward + lateral_m * left)) for s in ways])
     assert len(readings) == 1
     (place,) = readings.values()
-    assert abs((place - tags.points_m[0]) @ left - aside_m) < 1e-9
+    assert abs((place - tags.points_m[0]) @ left - lateral_m) < 1e-9
     assert -1e-9 <= (place - tags.points_m[0]) @ forward < step_m + 1e-9
 
 

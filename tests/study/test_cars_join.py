@@ -42,10 +42,10 @@ def true_motion(guide, law, start, duration_s):
 @pytest.mark.parametrize("offset", [(0.0, 0.2, np.radians(30.0)), (0.0, -0.2, -np.radians(30.0))])
 def test_a_car_on_tyres_joins_its_route_within_a_metre(law, offset):
     """The car begins at rest, 20 cm beside a circle of 3 m and 30° off, away from it."""
-    aside_m, speed = true_motion(Repeat.along(ROUTE), law, compose(ROUTE.eta[0], np.array(offset)), 6.0)
+    cross_track_m, speed = true_motion(Repeat.along(ROUTE), law, compose(ROUTE.eta[0], np.array(offset)), 6.0)
     way_m = np.cumsum(np.abs(speed)) / FILE.rate_hz
     assert way_m[-1] > 2.0
-    assert way_m[np.flatnonzero(np.abs(aside_m) > 0.03)[-1]] < 1.0
+    assert way_m[np.flatnonzero(np.abs(cross_track_m) > 0.03)[-1]] < 1.0
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +57,6 @@ def route():
 @pytest.mark.parametrize("kind", [Repeat, RepeatByProgress])
 def test_a_car_on_tyres_begins_its_fastest_lap_on_the_route(kind, law, route):
     """Before, the reference began at 2.5 m/s, and the car left the circle by 0.54 to 0.84 m."""
-    aside_m, speed = true_motion(kind.along(route, 2), law, route.eta[0], 12.0)
+    cross_track_m, speed = true_motion(kind.along(route, 2), law, route.eta[0], 12.0)
     assert speed.max() > 0.9 * route.nu[0, 0] > 2.0
-    assert np.abs(aside_m).max() < 0.06
+    assert np.abs(cross_track_m).max() < 0.06

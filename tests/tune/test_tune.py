@@ -24,7 +24,7 @@ from tests.codes import refused
 from tests.papers_pd import with_papers_pd
 
 ROUTE = sinuous_circle(0.4, 0.04, 4, 0.3)
-PAPERS: dict = {"jerk_m2": 0.0, "aside_m": 0.0}
+PAPERS: dict = {"jerk_m2": 0.0, "offset_m": 0.0}
 GAINS = np.array([6.0, 3.0, 0.1])
 
 
@@ -60,7 +60,7 @@ def test_jerks_and_the_weight_of_effort_add_to_the_cost_of_the_paper(small):
     jerks = np.sum((run.sent_commands - run.applied_commands) ** 2)
     papers, default, with_effort = (
         tuning_objective(small, ROUTE, **options).cost(GAINS)
-        for options in (PAPERS, {"aside_m": 0.0}, {"effort_m2": 0.02, **PAPERS})
+        for options in (PAPERS, {"offset_m": 0.0}, {"effort_m2": 0.02, **PAPERS})
     )
     assert default == pytest.approx(papers + 0.1 * jerks, rel=1e-9)
     assert with_effort == pytest.approx(papers + 0.02 * np.sum(run.sent_commands**2), rel=1e-9)
@@ -131,7 +131,7 @@ def test_the_tuning_result_has_gain_rows_and_search_history(tuning):
 
 
 def test_a_weight_on_the_command_gives_a_smoother_drive(small, tuning):
-    calm = tune(small, ROUTE, jerk_m2=1e-2, aside_m=0.0, starts=2)
+    calm = tune(small, ROUTE, jerk_m2=1e-2, offset_m=0.0, starts=2)
     assert calm.drive.saturated_fraction < tuning.drive.saturated_fraction
     assert calm.values["gamma"] < tuning.values["gamma"]
     files = [small.with_values({f"controller.{k}": v for k, v in x.values.items()}) for x in (calm, tuning)]
@@ -199,14 +199,14 @@ def test_the_file_receives_the_gains_with_their_provenance(tuning, tmp_path):
 
 def test_the_gradient_is_exact_with_the_estimator_in_the_loop(small):
     drive = tuning_objective(
-        small, circle(0.4, 0.3), estimator=True, aside_m=0.0, duration_s=0.6, backend="python"
+        small, circle(0.4, 0.3), estimator=True, offset_m=0.0, duration_s=0.6, backend="python"
     )
     cost, slope = drive.cost_and_gradient(GAINS)
     h = np.array([0.0, 3e-5, 0.0])
     numeric = (drive.cost(GAINS + h) - drive.cost(GAINS - h)) / 6e-5
     assert slope[1] == pytest.approx(numeric, rel=2e-3, abs=1e-7)
     assert cost != pytest.approx(
-        tuning_objective(small, circle(0.4, 0.3), aside_m=0.0, duration_s=0.6).cost(GAINS), rel=1e-3
+        tuning_objective(small, circle(0.4, 0.3), offset_m=0.0, duration_s=0.6).cost(GAINS), rel=1e-3
     )
 
 
@@ -336,7 +336,7 @@ def test_a_start_beside_the_route_makes_feedback_gains_identifiable():
     assert gains.verdict == "USABLE"
     assert all(g.bound_side == 0 and g.cost_at_lower_gain > 1.0 for g in gains.gains if g.name != "k_i")
     assert gains.drive.saturated_fraction < 0.1
-    flat = tuning_objective(feedforward, ROUTE, aside_m=0.0)
+    flat = tuning_objective(feedforward, ROUTE, offset_m=0.0)
     assert flat.cost(np.array([0.1, 0.5, 2.0, 0.5])) == pytest.approx(
         flat.cost(np.array([0.5, 1.0, 4.0, 0.25])), rel=0.1
     )

@@ -95,8 +95,6 @@ def load_command(verb: str) -> click.Command:
 
 def translate_command(command: click.Command) -> click.Command:
     """Return a copy of a command, or of a group, with help in the current language."""
-    if language.current_language() == "en":
-        return command
     command = copy(command)
     command._help_option = None  # click caches it in the first requested language
     for name in ("help", "short_help", "epilog"):

@@ -229,7 +229,7 @@ def repeat(
         A block instead of the file's: a built-in kind, "file.py:Class", a class, which is built with the values of the
         file, or a finished block. The run records the text of each block that is not built in.
     **options : object
-        `check`: False to skip the check of the route. `anyway`: drive even a route that is too fast or has gaps.
+        `check`: False to skip the check of the route. `force`: drive even a route that is too fast or has gaps.
         `room`: width and height, such as "2x2.5" [m], or a Room; the drive stops before the vehicle might leave it.
         `lead_in`: False to begin with the route at any pose. `way_back`: drive back to the start afterwards.
         `caution`: False to continue with a doubtful estimate. `patience_s`: the time after which the drive of a stuck
@@ -269,7 +269,7 @@ def repeat(
             "backend": options["backend"],
         }
         warnings = route_warnings(
-            route, vehicle_file, precautions.room, anyway=precautions.anyway, **conditions
+            route, vehicle_file, precautions.room, force=precautions.force, **conditions
         )
         options["notes"] = [
             *(replace(warning, severity=Severity.WARNING) for warning in warnings),

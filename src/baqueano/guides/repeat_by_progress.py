@@ -86,7 +86,7 @@ class RepeatByProgress(Repeat):
     def step(self, state: Tree, estimate: Estimate) -> tuple[Tree, Reference]:
         """Return the state, and the reference at the teacher's time τ.  (4)"""
         entry = self._entry_state(state.entry, estimate)
-        pace, aside_m, behind_m = self._pace(self._phase(state.tau_s), estimate)
+        pace, lateral_m, behind_m = self._pace(self._phase(state.tau_s), estimate)
         largest_pace = np.minimum(
             self._starting_pace(entry, estimate.t_ns), self._braking_pace(self.end_s - state.tau_s)
         )
@@ -96,7 +96,7 @@ class RepeatByProgress(Repeat):
         dt_s = np.where(state.t_ns >= 0, seconds(estimate.t_ns, state.t_ns), 0.0)
         tau_s = np.clip(state.tau_s + clock_pace * dt_s, 0.0, self.end_s + END_WAIT_S)
         is_over = self._is_over(state.tau_s, tau_s, behind_m, estimate)
-        forward_pace = np.minimum(np.maximum(pace, np.minimum(aside_m / self.wait_m, 1.0)), largest_pace)
+        forward_pace = np.minimum(np.maximum(pace, np.minimum(lateral_m / self.wait_m, 1.0)), largest_pace)
         forward_pace = np.where(is_over > 0.0, 0.0, forward_pace)
         phase = self._phase(tau_s)
         x, y, psi = (np.interp(phase, self.t_s, column) for column in self.eta.T)
@@ -151,9 +151,9 @@ class RepeatByProgress(Repeat):
         turn_m = HEADING_WEIGHT_M * wrap(psi - estimate.eta[2])
         ahead_m = np.sign(speed_m_s) * (np.cos(psi) * dx + np.sin(psi) * dy)
         ahead_m = np.clip(ahead_m, -0.5 * MAX_SPACING_M, 0.5 * MAX_SPACING_M)
-        aside_m = np.sqrt(np.maximum(dx**2 + dy**2 + turn_m**2 - ahead_m**2, 0.0))
+        lateral_m = np.sqrt(np.maximum(dx**2 + dy**2 + turn_m**2 - ahead_m**2, 0.0))
         behind_m = lag_m - ahead_m
         tolerance_m = self.slack_m + self.slack_s * np.abs(speed_m_s)
         waiting_pace = 1.0 - np.maximum(behind_m - tolerance_m, 0.0) / self.wait_m
         catching_pace = np.maximum(-behind_m - tolerance_m, 0.0) / self.wait_m
-        return np.clip(waiting_pace + catching_pace, self.slowest, self.fastest), aside_m, behind_m
+        return np.clip(waiting_pace + catching_pace, self.slowest, self.fastest), lateral_m, behind_m

@@ -58,7 +58,7 @@ CALLS = {  # words of a line → call; {0} is the first argument, and {name} the
     "route smooth --rms": "route = bq.routes.smooth(route, {rms})",
     "route smooth --max": 'route = bq.routes.smooth(route, {max}, "max")',
     "route faster --speed": "route = bq.routes.at_speed(route, {speed})",
-    "route faster --share": "route = bq.routes.fastest(route, robot, share={share})",
+    "route faster --command-share": "route = bq.routes.fastest(route, robot, command_share={command-share})",
     "route faster": "route = bq.routes.fastest(route, robot)",
     "route reverse --backing": "route = bq.routes.reverse(route, backing=True)",
     "route scale": "route = bq.routes.scale(route, {1})",

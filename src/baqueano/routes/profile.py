@@ -1,7 +1,7 @@
 """Set the speed along a path: constant, or as fast as the vehicle can.
 
-    v(s) ≤ v_most(κ):   share(v, κ v, 0, 0) ≤ share,   |κ| v² ≤ a_y,   v ≤ v_limit                        (1)
-    d(v²)/ds = 2 v̇,     share(v, κ v, v̇, κ v̇ + κ′ v²) ≤ share,   |v̇| ≤ a_x,   forward and backward  (2)
+    v(s) ≤ v_most(κ):   share(v, κ v, 0, 0) ≤ command_share,   |κ| v² ≤ a_y,   v ≤ v_limit                   (1)
+    d(v²)/ds = 2 v̇,     share(v, κ v, v̇, κ v̇ + κ′ v²) ≤ command_share,   |v̇| ≤ a_x,   both ways        (2)
 
 v is the speed, s the distance, κ the curvature, a_y the limit of the sideways acceleration. a_x is the limit of the
 reference of the controllers (model_following.py). capability.py computes share(v, r, v̇, ṙ). (1) limits the speed in a
@@ -64,7 +64,7 @@ def fastest(
     route: Route,
     vehicle_file: VehicleFile,
     *,
-    share: float = COMMAND_SHARE,
+    command_share: float = COMMAND_SHARE,
     lateral_m_s2: float = MAX_LATERAL_M_S2,
     speed_m_s: float = MAX_SPEED_M_S,
     backend: str = "auto",
@@ -79,7 +79,7 @@ def fastest(
         Smooth, and driven only forward or only backward; it is not changed.
     vehicle_file : VehicleFile
         The identified vehicle: its model and the limits of its command.
-    share : float
+    command_share : float
         Largest share of the command that the route needs [no unit], above 0, at most 1; the controller uses the rest.
     lateral_m_s2 : float [m/s²]
         Largest acceleration to the side; above it, tyres and small objects slip.
@@ -108,7 +108,7 @@ def fastest(
     >>> print(f"{lap.t_s[-1]:.1f} s, then {fastest(lap, bq.load('small')).t_s[-1]:.1f} s")
     18.3 s, then 10.6 s
     """
-    for name, value, high in (("share", share, 1.0), ("lateral_m_s2", lateral_m_s2, np.inf)):
+    for name, value, high in (("command_share", command_share, 1.0), ("lateral_m_s2", lateral_m_s2, np.inf)):
         if not 0.0 < value <= high:
             raise UsageError.of("route.limit", name=name, value=value)
     if not speed_m_s > MIN_SPEED_M_S:
@@ -117,18 +117,22 @@ def fastest(
     capability = Capability(vehicle_file, backend)
     curvature = np.abs(path.kappa)
     high = np.minimum(speed_m_s, np.sqrt(lateral_m_s2 / np.maximum(curvature, 1e-9)))
-    max_speed = capability.fastest_speed(forward_sign * path.kappa, np.minimum(high, MAX_SPEED_M_S), share)
+    max_speed = capability.fastest_speed(
+        forward_sign * path.kappa, np.minimum(high, MAX_SPEED_M_S), command_share
+    )
     if np.any(is_too_slow := max_speed < MIN_SPEED_M_S):
         index, slow_turn = int(np.argmax(is_too_slow)), forward_sign * path.kappa * MIN_SPEED_M_S
         min_share = float(np.max(capability.share(MIN_SPEED_M_S, slow_turn)))
         larger_share = str(round(min(1.0, 1.05 * min_share), 2))
         fix = baqueano_command("route", "smooth", NAME_PLACEHOLDER, "--rms", "0.05")
         if min_share <= 1.0:
-            fix = baqueano_command("route", "faster", NAME_PLACEHOLDER, "--share", larger_share)
+            fix = baqueano_command("route", "faster", NAME_PLACEHOLDER, "--command-share", larger_share)
         position_m, radius_m = float(path.s[index]), float(1.0 / curvature[index])
-        raise UsageError.of("route.too-tight", fix, position_m=position_m, radius_m=radius_m, share=share)
+        raise UsageError.of(
+            "route.too-tight", fix, position_m=position_m, radius_m=radius_m, command_share=command_share
+        )
     acceleration, deceleration = (
-        _rates(capability, path, forward_sign, sign, max_speed, share) for sign in (1.0, -1.0)
+        _rates(capability, path, forward_sign, sign, max_speed, command_share) for sign in (1.0, -1.0)
     )
     return route_along(
         path,
@@ -152,7 +156,7 @@ def _rates(
     forward_sign: float,
     sign: float,
     max_speed: np.ndarray,
-    share: float,
+    command_share: float,
 ) -> np.ndarray:
     """Return the largest |v̇| (m, SPEED_COUNT) [m/s²] of the sign `sign`, at fractions of `max_speed` (m,).  (2)
     The result is at most a_x.
@@ -170,7 +174,7 @@ def _rates(
                 forward_sign * v_dot,
                 forward_sign * (kappa * v_dot + kappa_slope * v**2),
             )
-            <= share
+            <= command_share
         )
 
     return largest_allowed(is_possible, np.full(v.shape, MAX_ACCELERATION[0]))

@@ -10,7 +10,7 @@ is half the track (errata 13): the distance of a wheel per radian of a turn in p
 0.1 m by default. Huber's norm is of the whole vector, so that a rotation of the map does not change it. The paper does
 not weight the command, and its optimum oscillates along the route. q [m²] is the weight of jerks, by default 0.1. The
 weight p [m²] of effort is 0 by default, because the route needs most of the effort. For the cost of the paper
-set jerk_m2 = 0 and aside_m = 0, a start on the route.
+set jerk_m2 = 0 and offset_m = 0, a start on the route.
 """
 
 from typing import NamedTuple

@@ -1,8 +1,8 @@
 """Tune gains: minimise the paper's cost plus a weight on jerks (cost.py), with exact gradients of the compiled loop.
 
-The vehicle starts at rest, `aside_m` behind and beside its route, and the reference begins and ends at full speed. So
+The vehicle starts at rest, `offset_m` behind and beside its route, and the reference begins and ends at full speed. So
 the feedback has an effect: on its route, a vehicle with an exact model does not need feedback. jerk_m2 = 0 and
-aside_m = 0 select the cost of the paper, whose gains switch the command from limit to limit.
+offset_m = 0 select the cost of the paper, whose gains switch the command from limit to limit.
 
 By default the pose in the loop is exact, as in the paper ("η_e is obtained by simulating the system"). With
 `estimator=True` the estimator of the file is in the loop, and the sensors have noise; the cost still uses the true
@@ -68,7 +68,7 @@ def tune(
         Weight of a radian [m/rad]; distance [m] from which on the cost of an error is linear.
     jerk_m2, effort_m2 : float
         Weight of a change of the command by its limit within a tick, and of a tick at the limit [m²].
-    aside_m : float
+    offset_m : float
         Distance of the vehicle's start behind and to the left of the route's start [m].
     estimator, seeds, seed : bool, int, int
         True: with the estimator in the loop, and with the noise of `seeds` seeds from `seed` on.
@@ -90,7 +90,7 @@ def tune(
     References
     ----------
     Grotz et al., `equ:controller_cost_function`, with a weight on jerks and a start beside the route. jerk_m2=0 and
-    aside_m=0 select the cost of the paper.
+    offset_m=0 select the cost of the paper.
 
     Examples
     --------

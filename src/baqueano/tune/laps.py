@@ -3,7 +3,7 @@
     C(g, q) = C_path(g) + q C_jerk(g)                                      cost.py (1) to (3)             (1)
 
 g: gains; q: weight of jerks. The two terms are returned separately, so another q does not need another lap.
-The vehicle is the model of the file with exact pose. It starts `aside_m` behind and beside the route, as in `tune`.
+The vehicle is the model of the file with exact pose. It starts `offset_m` behind and beside the route, as in `tune`.
 """
 
 from dataclasses import dataclass
@@ -26,10 +26,10 @@ from baqueano.simulate.system import Input, begin
 from baqueano.symbolic import Scan
 from baqueano.tune.cost import Weights, jerk, path_cost, tick_errors
 from baqueano.tune.objective import (
-    ASIDE_M,
     HUBER_M,
     JERK_M2,
     MIN_BATCH_TICKS,
+    OFFSET_M,
     checked_weights,
     rms,
     tuning_system,
@@ -148,7 +148,7 @@ def simulated_laps(
         return _LapTick(eta[0], eta[1], costs, errors.distance_m, errors.at_limit)
 
     paths = tuple(f"controller.{name}" for name in space.names)
-    state = begin(system, compose(start_pose(system), np.array([-ASIDE_M, ASIDE_M, 0.0])))
+    state = begin(system, compose(start_pose(system), np.array([-OFFSET_M, OFFSET_M, 0.0])))
     start = parameter_start(system, paths, state)
     kernel = closed_loop(system, rate, noise=False, backend=backend, paths=paths, start=start, output=output)
     is_whole = tick_count == full_tick_count

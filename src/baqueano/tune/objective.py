@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 RADIAN_M = 0.1  # weight of a radian if the file contains neither a track nor a radius
 HUBER_M = 0.1
-ASIDE_M = 0.1  # with 0 and an exact model, feedback is not needed, and the gradient of every gain is 0
+OFFSET_M = 0.1  # with 0 and an exact model, feedback is not needed, and the gradient of every gain is 0
 JERK_M2 = 0.1
 SOFT_MAXIMUM_POWER = 8  # of (1)
 DELAY_SPREAD_S = 0.01
@@ -251,7 +251,7 @@ def tuning_objective(
     huber_m: float = HUBER_M,
     jerk_m2: float = JERK_M2,
     effort_m2: float = 0.0,
-    aside_m: float = ASIDE_M,
+    offset_m: float = OFFSET_M,
     estimator: bool = False,
     seeds: int = 1,
     draws: int = 0,
@@ -260,12 +260,12 @@ def tuning_objective(
 ) -> Objective:
     """Return the cost of the drives along `routes`, as compiled functions of the gains. `tune` describes the keywords.
 
-    Raise UsageError for an invalid `aside_m` or weight, or without a route or seed. Raise AnswerNo if a command that a
+    Raise UsageError for an invalid `offset_m` or weight, or without a route or seed. Raise AnswerNo if a command that a
     route needs has no effect.
     """
     weights = checked_weights(vehicle_file, radian_m, huber_m, jerk_m2, effort_m2)
-    if not np.isfinite(aside_m):
-        raise UsageError.of("tune.offset", aside_m=aside_m)
+    if not np.isfinite(offset_m):
+        raise UsageError.of("tune.offset", offset_m=offset_m)
     space = search_space(vehicle_file, gains, bounds, controller)
     run_kernels: list[Any] = (
         [*routes] if isinstance(routes, list | tuple) and not isinstance(routes, Route) else [routes]
@@ -286,7 +286,7 @@ def tuning_objective(
         _with_delay_slots(system, paths_and_delay, vehicles, vehicle_file.rate_hz) for system in systems
     ]
     cases = [
-        _case(vehicle_file, system, paths, weights, duration_s, aside_m, estimator, backend)
+        _case(vehicle_file, system, paths, weights, duration_s, offset_m, estimator, backend)
         for system in systems
     ]
     loop = N_("estimator in the loop") if estimator else N_("perfect pose")
@@ -307,11 +307,11 @@ def _check_motion(vehicle_file: "VehicleFile", route: Route | Guide) -> None:
 
 def _case(
     vehicle_file: "VehicleFile", system: System, paths: tuple[str, ...], weights: Weights, duration_s: float | None,
-    aside_m: float, noise: bool, backend: str,
+    offset_m: float, noise: bool, backend: str,
 ) -> ObjectiveCase:  # fmt: skip
     rate, limit = vehicle_file.rate_hz, vehicle_file.command.limit
     tick_count = drive_tick_count(system, rate) if duration_s is None else max(1, round(duration_s * rate))
-    state = begin(system, compose(start_pose(system), np.array([-aside_m, aside_m, 0.0])))
+    state = begin(system, compose(start_pose(system), np.array([-offset_m, offset_m, 0.0])))
     start = parameter_start(system, paths, state)
 
     def output(loop_output: Tree) -> _TickOutput:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @options.robot
 @click.option("--latched", is_flag=True, help="Each key press changes a set-point, which is kept.")
 @click.option(
-    "--share", type=numbers.Number("", 0.1, 1.0, excludes_low=False), default=0.5, show_default=True,
+    "--command-share", type=numbers.Number("", 0.1, 1.0, excludes_low=False), default=0.5, show_default=True,
     help="Fraction of the command's limit with a key fully pressed (0.1 to 1); + and - change it.",
 )  # fmt: skip
 @pad_option
@@ -50,15 +50,15 @@ if TYPE_CHECKING:
 @options.as_json
 @drive_options
 def command(
-    drive: DriveOptions, latched: bool, share: float, pad: str | None, hold: bool, length_m: float | None,
+    drive: DriveOptions, latched: bool, command_share: float, pad: str | None, hold: bool, length_m: float | None,
     update: bool, as_json: bool,
 ) -> None:  # fmt: skip
     if drive.show_page:
-        options.refuse_together("--page", "latched", "share", "pad")
+        options.refuse_together("--page", "latched", "command_share", "pad")
     vehicle_file = drive.load_vehicle()
     options.advise_to_measure(vehicle_file, drive.robot)
     path = drive.run_path("drive")
-    terminal_drive = partial(drive_by_hand, pad=pad, share=share, latched=latched)
+    terminal_drive = partial(drive_by_hand, pad=pad, command_share=command_share, latched=latched)
     make_drive = drive_on_page if drive.show_page else terminal_drive
     run = make_drive("drive", vehicle_file, drive, path, hold=hold)
     print_message(note("cli.run", path=path))

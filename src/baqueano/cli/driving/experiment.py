@@ -44,8 +44,7 @@ if TYPE_CHECKING:
     ),
 )
 @click.option(
-    "--known",
-    "trust_file",
+    "--trust-file",
     is_flag=True,
     help=(
         "Use the numbers of the file. Without this option, a vehicle that was never fitted first makes a "

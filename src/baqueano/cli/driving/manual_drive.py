@@ -45,8 +45,8 @@ def drive_by_hand(
     """Return the run of a manual drive in real time, which ends with q.
 
     `verb` is "drive" or "teach". `pad` is the device of the game pad, or ANY_PAD to search for it. With `hold` and a
-    gyro, the heading is kept during straight motion. `options` contains `share` and `latched` of a Cockpit. Raise
-    UsageError for an emulated vehicle.
+    gyro, the heading is kept during straight motion. `options` contains `command_share` and `latched` of a Cockpit.
+    Raise UsageError for an emulated vehicle.
     """
     from baqueano.drive.by_hand.cockpit import Cockpit
     from baqueano.drive.by_hand.heading_gains import heading_hold_gains

@@ -35,7 +35,7 @@ from baqueano.messages.printable import baqueano_command
 @room_option
 @start_option
 @click.option(
-    "--anyway", is_flag=True, help="Drive the route even if it is too fast for the vehicle, or has gaps."
+    "--force", is_flag=True, help="Drive the route even if it is too fast for the vehicle, or has gaps."
 )
 @click.option(
     "--faster",
@@ -99,7 +99,7 @@ from baqueano.messages.printable import baqueano_command
 @options.as_json
 @drive_options
 def command(
-    route: str, drive: DriveOptions, laps: int, room: str | None, start: str | None, anyway: bool, faster: bool,
+    route: str, drive: DriveOptions, laps: int, room: str | None, start: str | None, force: bool, faster: bool,
     stand: str | None, lead_in: bool, way_back: bool, caution: bool, patience_s: float, time_limit_s: float | None,
     estimator: str | None, controller: str | None, guide: str | None, rest_s: float | None, report: ReportFiles,
     as_json: bool,
@@ -115,10 +115,10 @@ def command(
     if faster:
         taught_route = fastest_route(taught_route, route, vehicle_file, backend=drive.backend)
     walled_room = parse_room(vehicle_file, room, start)
-    check_drivable(taught_route, route, vehicle_file, walled_room, drive.robot, anyway, drive.backend)
+    check_drivable(taught_route, route, vehicle_file, walled_room, drive.robot, force, drive.backend)
     precautions = Precautions(
         check=True,
-        anyway=anyway,
+        force=force,
         room=walled_room,
         lead_in=lead_in,
         way_back=way_back,

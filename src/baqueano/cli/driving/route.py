@@ -230,40 +230,40 @@ def scale(route: str, factor: float, name: str | None, as_json: bool) -> None:
     "--speed", "speed_m_s", type=numbers.speed, help="Constant speed instead of the highest speeds [m/s]."
 )
 @click.option(
-    "--share",
+    "--command-share",
     type=numbers.Number("", high=1.0),
     default=0.8,
     show_default=True,
     help="Fraction of the command to use; the rest stays for the controller.",
 )
 @click.option(
-    "--sideways", "lateral_m_s2", type=numbers.Number("m/s²"), default=3.0, show_default=True,
+    "--lateral", "lateral_m_s2", type=numbers.Number("m/s²"), default=3.0, show_default=True,
     help="Largest lateral acceleration [m/s²].",
 )  # fmt: skip
 @new_name
 @options.backend
 @options.as_json
 def faster(
-    route: str, vehicle: str | None, settings: tuple[str, ...], speed_m_s: float | None, share: float,
+    route: str, vehicle: str | None, settings: tuple[str, ...], speed_m_s: float | None, command_share: float,
     lateral_m_s2: float, name: str | None, backend: str, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.routes import at_speed
 
     if speed_m_s is not None:
-        options.refuse_together("--speed", "share", "lateral_m_s2")
+        options.refuse_together("--speed", "command_share", "lateral_m_s2")
         return apply_edit(route, "speed", name, as_json, lambda original: at_speed(original, speed_m_s))
     vehicle_file = options.load_vehicle(vehicle, settings)
-    limits: JsonObject = {"share": share, "lateral_m_s2": lateral_m_s2, "backend": backend}
+    limits: JsonObject = {"command_share": command_share, "lateral_m_s2": lateral_m_s2, "backend": backend}
     apply_edit(route, "fast", name, as_json, lambda x: fastest_route(x, route, vehicle_file, **limits))
 
 
 def check_drivable(
-    route: "Route", name: str, vehicle_file: "VehicleFile", room: "Room | None", robot: str, anyway: bool, backend: str,
+    route: "Route", name: str, vehicle_file: "VehicleFile", room: "Room | None", robot: str, force: bool, backend: str,
 ) -> None:  # fmt: skip
     """Print the warnings about a route. Raise AnswerNo with the route's name if it may not be driven."""
     from baqueano.drive.safety.route_check import route_warnings
 
-    conditions = {"measured": options.is_measured(vehicle_file, robot), "anyway": anyway, "backend": backend}
+    conditions = {"measured": options.is_measured(vehicle_file, robot), "force": force, "backend": backend}
     try:
         warnings = route_warnings(route, vehicle_file, room, **conditions)
     except AnswerNo as error:
@@ -282,8 +282,8 @@ def fastest_route(route: "Route", name: str, vehicle_file: "VehicleFile", **choi
         raise UsageError(with_route_name(error.diagnostic, name)) from error
     figures: dict[str, Any] = {"former_duration_s": float(route.t_s[-1]), "duration_s": float(result.t_s[-1])}
     if figures["duration_s"] > figures["former_duration_s"]:
-        figures["percent"] = 100.0 * (1.0 - choices.get("share", COMMAND_SHARE))
-        figures["fix"] = baqueano_command("route", "faster", name, "--share", "1.0")
+        figures["percent"] = 100.0 * (1.0 - choices.get("command_share", COMMAND_SHARE))
+        figures["fix"] = baqueano_command("route", "faster", name, "--command-share", "1.0")
         print_message(note("cli.route-slower", **figures))
     return result
 

@@ -152,7 +152,7 @@ BLOCK_OPTIONS = [
     "--laps", type=numbers.count, default=1, show_default=True, help="Number of laps of each drive."
 )
 @click.option(
-    "--aside", "aside_m", type=numbers.Number("m", low=-100.0), default=0.0, show_default=True,
+    "--offset", "offset_m", type=numbers.Number("m", low=-100.0), default=0.0, show_default=True,
     help="Distance to the left of the route at the start of the drive [m].",
 )  # fmt: skip
 @options.align
@@ -170,7 +170,7 @@ BLOCK_OPTIONS = [
 def command(
     runs: tuple[str, ...], vehicles: tuple[str, ...], settings: tuple[str, ...], estimators: tuple[str, ...],
     controllers: tuple[str, ...], guides: tuple[str, ...], gains: str, routes: tuple[str, ...], speed_m_s: float,
-    size_m: float, seed: int, seeds: int, laps: int, aside_m: float, align: str, reference: str | None,
+    size_m: float, seed: int, seeds: int, laps: int, offset_m: float, align: str, reference: str | None,
     drives_folder: Path | None, cluster: str | None, backend: str, folder: str, report: ReportFiles, as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.driving.teach import shape_or_route
@@ -188,7 +188,7 @@ def command(
         for factor, values in (("controllers", controllers), ("guides", guides), ("routes", routes)):
             if values:
                 raise UsageError.of("sweep.of-runs", factor=factor, recorded_runs=list(runs))
-        options.refuse_together("RUNS", "seed", "seeds", "laps", "aside_m", "gains")
+        options.refuse_together("RUNS", "seed", "seeds", "laps", "offset_m", "gains")
         if len(vehicles) > 1:
             raise UsageError.of("sweep.several-vehicles", value=list(vehicles))
         recorded_runs = options.find_runs(runs, folder)
@@ -205,7 +205,7 @@ def command(
             "routes": named_routes,
             "seeds": range(seed, seed + seeds),
             "laps": laps,
-            "start": (0.0, aside_m, 0.0),
+            "start": (0.0, offset_m, 0.0),
             "gains": gains,
         }
         run_sweep = partial(run_sweep, files, **arguments)

@@ -68,8 +68,8 @@ from baqueano.messages.printable import baqueano_command
     help="Weight of the command [m^2]: the cost of one tick with the command at its limit.",
 )
 @click.option(
-    "--aside",
-    "aside_m",
+    "--offset",
+    "offset_m",
     type=numbers.Number("m", excludes_low=False),
     default=0.1,
     show_default=True,
@@ -92,7 +92,7 @@ from baqueano.messages.printable import baqueano_command
 def command(
     vehicle: str | None, settings: tuple[str, ...], routes: tuple[str, ...], speed_m_s: float, size_m: float,
     controller: str | None, with_estimator: bool, draws: int, seeds: int, jerk_m2: float, effort_m2: float,
-    aside_m: float, radian_m: float | None, seed: int, backend: str, update: bool, out: Path | None,
+    offset_m: float, radian_m: float | None, seed: int, backend: str, update: bool, out: Path | None,
     as_json: bool,
 ) -> None:  # fmt: skip
     from baqueano.cli.driving.teach import shape_or_route
@@ -117,7 +117,7 @@ def command(
             radian_m=radian_m,
             jerk_m2=jerk_m2,
             effort_m2=effort_m2,
-            aside_m=aside_m,
+            offset_m=offset_m,
             estimator=with_estimator,
             draws=draws,
             seeds=seeds,

@@ -1,6 +1,6 @@
 """Combine keys, a game pad, a display and a heartbeat of the terminal into one source of commands, for manual driving.
 
-  u = share · limit · (forward, 0, left) · min(1, FULL_SPEED_DELAY_MS / T)                                           (1)
+  u = command_share · limit · (forward, 0, left) · min(1, FULL_SPEED_DELAY_MS / T)                                   (1)
 
 T is the round-trip time between the driver and the vehicle. If it is longer than FULL_SPEED_DELAY_MS, the vehicle
 drives more slowly, so that the distance driven during T is not longer than at FULL_SPEED_DELAY_MS.
@@ -54,7 +54,7 @@ INCREASE_HINTS = {RELEASES: N_("press +"), REPEATS: N_("press +"), LATCHED: N_("
 class Cockpit(Observer):
     """`with Cockpit(file.command.limit) as hand: …`; `hand()` returns the present command (n,) of the driver.
 
-    `limit` (n,) is the command limit, and `share` the part of it that a full key commands. `hold` is True if the
+    `limit` (n,) is the command limit, and `command_share` the part of it for a full key. `hold` is True if the
     heading is held during straight motion; the display then shows the correction. `drivetrain` is the drivetrain of the
     vehicle file: the display reports a command below its dead zone. `has_heartbeat` is False if another program answers
     instead of the terminal (tmux on the vehicle).
@@ -67,7 +67,7 @@ class Cockpit(Observer):
         *,
         name: str = "",
         names: tuple[str, ...] = ("u_x", "u_y", "u_psi"),
-        share: float = 0.5,
+        command_share: float = 0.5,
         latched: bool = False,
         hold: bool = False,
         drivetrain: Drivetrain | None = None,
@@ -80,7 +80,7 @@ class Cockpit(Observer):
         n = len(self._limit)
         self.status = screen.Status(
             name, driver_command=np.zeros(n), motor_command=np.zeros(n), names=names, limit=self._limit,
-            speed_share=share, hold_command=float("nan") if hold else None,
+            command_share=command_share, hold_command=float("nan") if hold else None,
         )  # fmt: skip
         self._drivetrain = drivetrain
         self._given_line, self._pad, self._has_heartbeat, self._is_latch_requested = (
@@ -129,7 +129,7 @@ class Cockpit(Observer):
         forward, left = (0.0, 0.0) if self._stop or self._is_ended else self._direction(now_s)
         u = np.zeros(len(self._limit))
         u[0], u[-1] = forward, left
-        self.status.driver_command = u * self.status.speed_share * self._limit * self.delay_factor  # (1)
+        self.status.driver_command = u * self.status.command_share * self._limit * self.delay_factor  # (1)
         self.status.standstill_reason = self._standstill_reason()
         self._draw_status(now_s)
         return self.status.driver_command.copy()
@@ -281,7 +281,9 @@ class Cockpit(Observer):
                 self.status.mark_count = self._marks
             case "+" | "=" | "-":
                 step = SHARE_STEP if event.key != "-" else -SHARE_STEP
-                self.status.speed_share = min(1.0, max(MIN_SHARE, round(self.status.speed_share + step, 6)))
+                self.status.command_share = min(
+                    1.0, max(MIN_SHARE, round(self.status.command_share + step, 6))
+                )
             case "l":
                 self._toggle_latch()
 

@@ -37,7 +37,7 @@ class Status:
     battery_v: float = nan
     link_ms: float = nan  # round trip to the vehicle
     terminal_ms: float = nan  # round trip to the terminal
-    speed_share: float = 0.5
+    command_share: float = 0.5
     delay_factor: float = 1.0  # share of the speed that the round trip allows
     key_mode: str = ""  # how keys are held
     hold_command: float | None = None  # turn command of the heading hold; NaN: not active now, None: not used
@@ -86,7 +86,7 @@ def status_lines(s: Status, columns: int = 80) -> list[str]:
         "   "
         + _(
             "a key gives up to {percent:.0f} % of the limit;  keys: {way}",
-            percent=100 * s.speed_share,
+            percent=100 * s.command_share,
             way=_(s.key_mode),
         ),
         *([f"   {s.pad}"] if s.pad else []),

@@ -36,7 +36,7 @@ TIMES = ("patience_s", "time_limit_s")
 class Precautions:
     """Options of `repeat` for the safety of the vehicle.
 
-    `check`: examine the route before the vehicle moves. `anyway`: drive even a route that is too fast or has gaps.
+    `check`: examine the route before the vehicle moves. `force`: drive even a route that is too fast or has gaps.
     `room`: stop before the vehicle might leave this room. `lead_in`: if the vehicle is not at the start of its route,
     drive there first. `way_back`: drive back to the start afterwards. `caution`: slow down and stop if the estimate is
     doubtful. `patience_s`: end the drive of a vehicle that is stuck for this time. `time_limit_s`: end a drive that
@@ -44,7 +44,7 @@ class Precautions:
     """
 
     check: bool = True
-    anyway: bool = False
+    force: bool = False
     room: Room | None = None
     lead_in: bool = True
     way_back: bool = False

@@ -18,12 +18,12 @@ def route_warnings(
     room: Room | None = None,
     *,
     measured: bool = True,
-    anyway: bool = False,
+    force: bool = False,
     backend: str = "auto",
 ) -> tuple[Diagnostic, ...]:
     """Return the warnings about a route. Raise AnswerNo, with the first reason, if the route must not be driven.
 
-    A model that was not `measured` cannot prove that a route is too fast: the finding is then only a warning. `anyway`
+    A model that was not `measured` cannot prove that a route is too fast: the finding is then only a warning. `force`
     allows a route that is too fast or has gaps. A jump, a wall, and a value that is not finite are always refused.
     """
     try:
@@ -31,7 +31,7 @@ def route_warnings(
     except TraceError:  # a user's vehicle that cannot be compiled: its limits are unknown
         report = examine(route, None, room)
     for finding in report.findings:
-        passes = (finding.code in ACCEPTABLE_CODES and anyway) or (
+        passes = (finding.code in ACCEPTABLE_CODES and force) or (
             finding.code in LIMIT_CODES and not measured
         )
         if finding.severity == Severity.ERROR and not passes:

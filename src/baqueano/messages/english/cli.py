@@ -201,7 +201,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.first-drive": (
         "{name} was never fitted. First the vehicle turns and rolls a little on one spot. Each pulse is a "
-        "little stronger than the previous one, until the sensors show motion (--known skips this)"
+        "little stronger than the previous one, until the sensors show motion (--trust-file skips this)"
     ),
     "cli.fitted": "{verdict:word}: {reasons}",
     "cli.first-drive-slow": (

@@ -24,7 +24,7 @@ from baqueano.study.truth import draw_robots
 from baqueano.sweep.figures import drive_figures
 from baqueano.sweep.result import SweepCombination, SweepDrive
 from baqueano.tune import tune
-from baqueano.tune.objective import ASIDE_M
+from baqueano.tune.objective import OFFSET_M
 from baqueano.tune.search_space import with_gains
 from baqueano.vehicle_file import VehicleFile
 
@@ -97,7 +97,7 @@ def _compared_controller(
         starts=start_count,
         polish=False,
         duration_s=float(route.t_s[-1]) / 2.0,
-        aside_m=0.0 if kind == "pd" else ASIDE_M,  # this law does not correct a cross-track error
+        offset_m=0.0 if kind == "pd" else OFFSET_M,  # this law does not correct a cross-track error
         draws=draws,
         backend=backend,
     )

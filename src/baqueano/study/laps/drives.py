@@ -59,7 +59,7 @@ class Laps(NamedTuple):
 
     error: np.ndarray  # (T, n, 3) of the estimate: x, y [m], heading [rad]
     cov: np.ndarray  # (T, n, 3, 3) of the estimate
-    aside_m: np.ndarray  # (T, n) true distance from the route [m], left is positive
+    cross_track_m: np.ndarray  # (T, n) true distance from the route [m], left is positive
     drives: np.ndarray  # (T, n) False after the stop
     touches: np.ndarray  # (n,) True if the body touched a wall
     runs: tuple[Run, ...]  # the logs, if they were requested

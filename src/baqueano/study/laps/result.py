@@ -67,7 +67,7 @@ def robot_laps(
     e, P = drives.error, drives.cov
     square = np.einsum("tni,tnij,tnj->tn", e, np.linalg.inv(P), e)
     square = np.where(np.sqrt(P[..., 2, 2]) <= MAX_HEADING_STD_RAD, square, np.nan)
-    distance_m, cross_track_m = np.hypot(e[..., 0], e[..., 1]), np.abs(drives.aside_m)
+    distance_m, cross_track_m = np.hypot(e[..., 0], e[..., 1]), np.abs(drives.cross_track_m)
     lap_results = []
     for lap in range(laps):
         t = slice(lap * samples_per_lap, (lap + 1) * samples_per_lap if lap < laps - 1 else None)

@@ -62,7 +62,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "first-drive.no-imu": (
         "{name} does not have a sensor imu, but a first drive needs a gyro to stop in time. Add "
-        "[sensors.imu] to the vehicle file. Or type --known, and stay near the switch."
+        "[sensors.imu] to the vehicle file. Or type --trust-file, and stay near the switch."
     ),
     "first-drive.limit": (
         "{vehicle}: [command] limit = {limit}: expected the largest magnitude of each command, finite, and "

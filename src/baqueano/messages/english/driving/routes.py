@@ -38,7 +38,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "route.too-tight": (
         "The curve at {position_m:.2f} m has a radius of {radius_m:.3f} m: even slowly, the vehicle needs more than "
-        "{share:.0%} of its command there. Make the route smoother or larger, or allow a larger share: {fix}"
+        "{command_share:.0%} of its command there. Make the route smoother or larger, or allow a larger share: {fix}"
     ),
     "route.jump": (
         "the route jumps by {gap_m:.2f} m at {position_m:.2f} m ({t_s:.1f} s), {count} times in all: "

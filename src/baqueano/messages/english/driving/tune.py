@@ -24,7 +24,7 @@ TEMPLATES: dict[str, str] = {
     "simulate.lost": "{count} of {vehicles} vehicles diverged and were excluded",
     "simulate.clipped": "in {count} of {vehicles} draws a parameter was moved to its bound",
     "compare.inconsistent": "{subject}: {verdict:word}",
-    "tune.offset": "aside_m = {aside_m:g}: expected a finite distance [m], 0 for a start on the route.",
+    "tune.offset": "offset_m = {offset_m:g}: expected a finite distance [m], 0 for a start on the route.",
     "tune.starts": "starts = {starts}: expected at least 1 descent.",
     "tune.all-run-away": (
         "{vehicle}: with every gain in the search the simulated vehicle diverges. Limit the "
