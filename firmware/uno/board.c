@@ -16,7 +16,7 @@
 #endif
 
 #define TICK_COUNTS 250 /* of 4 us */
-#define STALLED_MS 100  /* no tick taken for so long before a reset: the program hung */
+#define STALLED_MS 100  /* time without a tick before a reset: the program hung */
 #define PAINT 0xC5
 #define ALIVE 0xA55A
 #define IN_SIZE 64
@@ -38,14 +38,14 @@ static volatile uint32_t now_ms;
 static uint16_t top;
 static uint8_t cause;
 
-/* These outlive a reset that is no loss of power. */
+/* These values survive a reset without a loss of power. */
 static uint16_t alive __attribute__((section(".noinit")));
 static volatile uint8_t stalled_ms __attribute__((section(".noinit")));
 static uint8_t mcusr __attribute__((section(".noinit")));
 
 extern uint8_t __heap_start;
 
-/* Before anything else: a watchdog that fired stays on with its shortest time. Then paint for the stack. */
+/* Run before anything else: a watchdog that fired stays on with its shortest time. Then paint the RAM of the stack. */
 void first(void) __attribute__((naked, used, section(".init3")));
 void first(void) {
     mcusr = MCUSR;
@@ -88,7 +88,7 @@ void board_begin(void) {
 static uint8_t encoder_pins(uint8_t pins) { return (pins >> 2 & 7) | (pins >> 4 & 8); }
 
 void board_live(void) {
-    encoders_edge(encoder_pins(PIND)); /* the pins as they stand are no edge */
+    encoders_edge(encoder_pins(PIND)); /* the present level of the pins is not an edge */
     wdt_enable(WDTO_120MS);
     sei();
 }
@@ -131,7 +131,7 @@ uint32_t board_micros(void) {
     uint8_t was = board_lock();
     uint32_t ms = now_ms;
     uint8_t counts = TCNT0;
-    if (TIFR0 & _BV(OCF0A)) { /* the tick is due, its interrupt waits */
+    if (TIFR0 & _BV(OCF0A)) { /* the tick is due, and its interrupt waits */
         ms++;
         counts = TCNT0;
     }
@@ -211,7 +211,7 @@ void board_drive(uint8_t channel, int16_t duty) {
     TCCR1A |= CONNECT(channel);
 }
 
-/* Coasting and braking in the three truth tables: a TB6612 shorts the motor with both inputs high, the others
+/* Coast or brake by the three truth tables: a TB6612 shorts the motor with both inputs high, the others
    with both inputs low and the enable pin high. */
 void board_rest(uint8_t channel, uint8_t driver, uint8_t brake) {
     uint8_t inputs = INPUT1(channel) | INPUT2(channel), pwm = PWM(channel), low = driver != DRIVER_TB6612;
@@ -248,14 +248,14 @@ void board_eeprom_write(uint16_t place, uint8_t value) { eeprom_update_byte((uin
 
 uint8_t board_reset_cause(void) { return cause; }
 
-/* A few bytes a tick: the whole search at once would hold up the motors for a millisecond. */
+/* Search a few bytes per tick: the whole search would delay the motors by a millisecond. */
 uint16_t board_free_ram(void) {
     static uint8_t *at = &__heap_start;
-    static uint16_t found;
+    static uint16_t free_bytes;
     for (uint8_t k = 0; k < 8; k++) {
         if (*at++ == PAINT) continue;
-        found = (uint16_t)(at - 1 - &__heap_start);
+        free_bytes = (uint16_t)(at - 1 - &__heap_start);
         at = &__heap_start;
     }
-    return found;
+    return free_bytes;
 }

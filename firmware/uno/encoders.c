@@ -5,15 +5,15 @@
 #include "telemetry.h"
 
 #define FAULT_MS 500
-#define DRIVEN_HARD 500 /* per mille: above the dead zone of every motor we know of */
+#define DRIVEN_HARD 500 /* per mille: above the dead zone of all tested motors */
 
 uint8_t encoders_fault;
 static volatile int32_t counts[2]; /* of each plug */
-static volatile int8_t single[2];  /* what an edge counts with one channel */
+static volatile int8_t single[2];  /* count of an edge with one channel */
 static uint8_t before[2];          /* the pins of each plug at the last edge: B and A */
 static uint16_t silent_ms[2];
 
-/* [B A before][B A now]; a change of both is no step, since its sign is not known. */
+/* [B A before][B A now]; a change of both is not counted, because its sign is unknown. */
 static const int8_t step[16] = {0, 1, -1, 0, -1, 0, 0, 1, 1, 0, 0, -1, 0, -1, 1, 0};
 
 void encoders_edge(uint8_t pins) {
@@ -40,11 +40,11 @@ void encoders_tick(void) {
         board_unlock(was);
         if (settings.encoders == ENCODER_KIND_QUADRATURE && wiring & WIRING_LEFT_ENCODER_REVERSED << wheel)
             count = -count;
-        int32_t *told = &OF_WHEEL(counts, wheel);
-        if (settings.encoders == ENCODER_KIND_NONE || count != *told || (duty < DRIVEN_HARD && duty > -DRIVEN_HARD))
-            silent_ms[wheel] = 0;
+        int32_t *former_count = &OF_WHEEL(counts, wheel);
+        uint8_t strong = duty >= DRIVEN_HARD || duty <= -DRIVEN_HARD;
+        if (settings.encoders == ENCODER_KIND_NONE || count != *former_count || !strong) silent_ms[wheel] = 0;
         else if (silent_ms[wheel] < FAULT_MS) silent_ms[wheel]++;
         else encoders_fault = 1;
-        *told = count;
+        *former_count = count;
     }
 }

@@ -8,7 +8,7 @@
 #define LONGEST (1 + 2 + MAX_PAYLOAD + 2) /* one byte of COBS, kind, sequence, payload, CRC */
 
 static uint8_t piece[LONGEST];
-static uint8_t filled; /* LONGEST + 1: too long, waits for the zero */
+static uint8_t filled; /* LONGEST + 1: the frame is too long; wait for the zero */
 static uint8_t sent;
 
 uint16_t frame_crc(const uint8_t *bytes, uint8_t length) {
@@ -21,7 +21,7 @@ uint16_t frame_crc(const uint8_t *bytes, uint8_t length) {
     return crc;
 }
 
-/* In place: the result is one byte shorter, since each distance makes room for what it stood for. */
+/* Decode in place: the result is one byte shorter, the first distance is removed, the others become zeros. */
 static uint8_t unstuff(uint8_t *bytes, uint8_t length) {
     uint8_t in = 0, out = 0;
     while (in < length) {
@@ -37,7 +37,7 @@ static const frame_t *whole(void) {
     static frame_t frame;
     if (filled > LONGEST) return 0;
     uint8_t length = unstuff(piece, filled);
-    if (length < 4 || frame_crc(piece, length) != 0) return 0; /* the CRC of a text and its CRC is 0 */
+    if (length < 4 || frame_crc(piece, length) != 0) return 0; /* the CRC of a text with its CRC is 0 */
     frame = (frame_t){piece[0], piece[1], (uint8_t)(length - 4), piece + 2};
     return &frame;
 }

@@ -1,4 +1,4 @@
-/* Frames on the wire: COBS, CRC-16/CCITT-FALSE, a zero at both ends. Knows no kind and no meaning. */
+/* Frames of any kind on the wire: COBS, CRC-16/CCITT-FALSE, a zero at both ends. */
 #pragma once
 #include <stdint.h>
 
@@ -8,6 +8,6 @@ typedef struct {
 } frame_t;
 
 uint16_t frame_crc(const uint8_t *bytes, uint8_t length);
-const frame_t *frame_take(uint8_t byte); /* the whole frame that this byte ended, until the next byte; or 0 */
-uint8_t frame_sealed(const frame_t *frame); /* 1: its payload ends with the second CRC, and it fits */
+const frame_t *frame_take(uint8_t byte); /* returns the frame that ends with this byte, or 0 */
+uint8_t frame_sealed(const frame_t *frame); /* 1: the payload ends with a valid second CRC */
 void frame_send(uint8_t kind, const void *payload, uint8_t length);

@@ -1,4 +1,4 @@
-/* Two motors on an Arduino Uno, for one vehicle. README.md lists the requirements; no Arduino library is used. */
+/* Drive two motors with an Arduino Uno. README.md lists the requirements; no Arduino library is used. */
 #include "board.h"
 #include "encoders.h"
 #include "mark.h"

@@ -4,14 +4,14 @@
 #include "settings.h"
 #include "telemetry.h"
 
-#define SEEN_MS 2   /* shorter is a glitch */
-#define GONE_MS 20  /* floor for so long before the next strip counts */
+#define STRIP_MS 2 /* a shorter strip is a glitch */
+#define GONE_MS 20 /* time over the floor before the next strip counts */
 
 uint8_t mark_on;
 static volatile uint32_t edge_t_us;
-static volatile uint8_t edge; /* the floor ended at edge_t_us; not believed yet */
+static volatile uint8_t edge; /* a strip begins at edge_t_us; not yet confirmed */
 static uint8_t ms = GONE_MS;
-static uint8_t ready; /* floor was seen: an open pin is pulled up, and as a strip without an end it never counts */
+static uint8_t ready; /* 1: the floor was detected. An open pin reads as a strip without an end, and never counts */
 
 static uint8_t over(uint8_t level) { return settings.wiring & WIRING_MARK_ACTIVE_LOW ? !level : level; }
 
@@ -23,7 +23,7 @@ void mark_edge(uint8_t level) {
 }
 
 void mark_tick(void) {
-    uint8_t was = board_lock(); /* an edge after the look is kept for the next tick */
+    uint8_t was = board_lock(); /* a later edge is kept for the next tick */
     mark_on = over(board_mark());
     if (!mark_on) edge = 0;
     board_unlock(was);
@@ -32,7 +32,7 @@ void mark_tick(void) {
         ready = !ms;
     } else if (!mark_on || !edge) {
         ms = 0;
-    } else if (++ms == SEEN_MS) {
+    } else if (++ms == STRIP_MS) {
         state.mark_count++;
         state.mark_t_us = edge_t_us;
         ready = 0;

@@ -1,8 +1,8 @@
-/* The lap mark: a reflectance sensor on one pin sees a strip of tape. Stamped at its first edge. */
+/* Detect the lap mark: a reflectance sensor on one pin detects a strip of tape, with the time of its first edge. */
 #pragma once
 #include <stdint.h>
 
-extern uint8_t mark_on; /* over the strip now */
+extern uint8_t mark_on; /* 1: over the strip */
 
-void mark_edge(uint8_t level); /* from the interrupt */
+void mark_edge(uint8_t level); /* by the interrupt */
 void mark_tick(void);

@@ -4,21 +4,21 @@
 #include "settings.h"
 #include "telemetry.h"
 
-#define DEAD_MAN_SLEW 100 /* per mille a millisecond, at least: from full duty to 0 in 10 ms */
-#define BATTERY_EVERY 16  /* ticks between two looks at the battery */
+#define DEAD_MAN_SLEW 100 /* per mille per millisecond, at least: from full duty to 0 in 10 ms */
+#define BATTERY_EVERY 16  /* ticks between two tests of the battery */
 #define BATTERY_LOW_MS 2000
-#define BATTERY_WELL_MV 200 /* above the limit before it is well again */
+#define BATTERY_WELL_MV 200 /* above the limit, before the motors are permitted again */
 
 typedef struct {
-    int16_t request; /* what the last command asked for */
+    int16_t request; /* of the last command */
     int16_t now;     /* the request after slew and reversal */
-    uint8_t kick;    /* ticks of kick left, and one to end it */
-    uint8_t rest;    /* ticks at zero left before it may start */
+    uint8_t kick;    /* remaining ticks of the kick, and one to end it */
+    uint8_t rest;    /* remaining ticks at zero before a start */
 } wheel_t;
 
 static wheel_t wheels[2];
 uint8_t motors_armed, motors_dead_man, motors_stopped, motors_saturated, motors_battery_low;
-static uint16_t patience_ms; /* the dead-man of the last command */
+static uint16_t patience_ms; /* dead-man time of the last command */
 static uint8_t brake, rest_ticks, dither_left, dither_up;
 static uint16_t battery_raw16, battery_low_ms; /* raw: 16 times the mean reading */
 
@@ -84,19 +84,19 @@ void motors_configure(const config_t *c) {
     info.config = *c;
     if (info.config.pwm_hz > most) info.config.pwm_hz = most;
     if (info.config.pwm_hz == before) return;
-    to_zero(); /* the timer starts anew, and the wheels with it */
-    rest_ticks = 2 + 1000 / info.config.pwm_hz; /* the timer takes a new duty at the end of a period only */
+    to_zero(); /* the timer restarts, and so do the wheels */
+    rest_ticks = 2 + 1000 / info.config.pwm_hz; /* the timer applies a new duty only at the end of a period */
     board_pwm_hz(info.config.pwm_hz);
 }
 
 static int16_t stepped(int16_t now, int16_t goal, int16_t slew) {
-    if ((now > 0 && goal < 0) || (now < 0 && goal > 0)) goal = 0; /* reverse through zero alone */
+    if ((now > 0 && goal < 0) || (now < 0 && goal > 0)) goal = 0; /* reverse only through zero */
     if (goal > now + slew) return now + slew;
     if (goal < now - slew) return now - slew;
     return goal;
 }
 
-/* The duty that makes the wheel do what `now` says: dead zone, slope, kick, dither. */
+/* Return the duty for the request `now`: with dead zone, slope, kick and dither. */
 static int16_t mapped(wheel_t *w, uint8_t wheel) {
     const wheel_curve_t *curve = &settings.curves[2 * wheel + (w->now < 0)];
     uint16_t size = w->now < 0 ? -w->now : w->now;

@@ -18,15 +18,15 @@ info_t info = {
     .version_patch = VERSION_PATCH,
 };
 #define SEAL 2 /* bytes at the end of a payload that may move the motors */
-static uint8_t heard; /* a DRIVE was obeyed in this session */
+static uint8_t has_drive; /* 1: a DRIVE was executed in this session */
 
-static void tell_info(void) {
+static void send_info(void) {
     info.driver = settings.driver;
     info.encoders = settings.encoders;
     frame_send(KIND_INFO, &info, sizeof info);
 }
 
-static void tell_settings(void) { frame_send(KIND_SETTINGS_NOW, &settings, sizeof settings); }
+static void send_settings(void) { frame_send(KIND_SETTINGS_NOW, &settings, sizeof settings); }
 
 static uint8_t flags(void) {
     return (motors_armed ? STATE_FLAG_ARMED : 0) | (motors_dead_man ? STATE_FLAG_DEAD_MAN : 0) |
@@ -35,7 +35,7 @@ static uint8_t flags(void) {
            (settings_factory ? STATE_FLAG_FACTORY : 0) | (mark_on ? STATE_FLAG_ON_MARK : 0);
 }
 
-static void tell_state(void) {
+static void send_state(void) {
     state.t_us = board_micros();
     state.flags = flags();
     state.bad_frames = (uint8_t)(info.bad_crc + info.bad_shape);
@@ -43,7 +43,7 @@ static void tell_state(void) {
     frame_send(KIND_STATE, &state, sizeof state);
 }
 
-/* One comparison for both ends, here and below: what is under the least wraps to far above the most. */
+/* One comparison tests both limits, here and below: a value below the least wraps to one far above the most. */
 static uint8_t duty_in_range(int16_t duty) {
     return (uint16_t)(duty - DRIVE_LEFT_PERMILLE_LEAST) <= DRIVE_LEFT_PERMILLE_MOST - DRIVE_LEFT_PERMILLE_LEAST;
 }
@@ -59,7 +59,7 @@ static uint8_t drive_in_range(const drive_t *d) {
 static uint16_t *drive(uint8_t seq, const drive_t *d) {
     if (d->nonce != info.nonce) return &info.wrong_nonce;
     if (!drive_in_range(d)) return &info.out_of_range;
-    if (heard && (uint8_t)(seq - state.drive_seq - 1) >= 127) return &info.old_sequence;
+    if (has_drive && (uint8_t)(seq - state.drive_seq - 1) >= 127) return &info.old_sequence;
     if (d->flags & DRIVE_FLAG_ARM) {
         if (motors_stopped || motors_battery_low) return &info.not_armed;
         if (!motors_armed) {
@@ -72,7 +72,7 @@ static uint16_t *drive(uint8_t seq, const drive_t *d) {
         if (d->flags & DRIVE_FLAG_CLEAR_STOP) motors_stopped = 0;
     }
     state.drive_seq = seq;
-    heard = 1;
+    has_drive = 1;
     return 0;
 }
 
@@ -91,12 +91,12 @@ static uint16_t *settle(const settings_t *s) {
     if (!settings_in_range(s)) return &info.out_of_range;
     if (motors_armed) return &info.not_armed;
     settings_take(s);
-    motors_configure(&info.config); /* another driver may not follow this PWM */
+    motors_configure(&info.config); /* another driver might not follow this PWM */
     return 0;
 }
 
-/* The counter to raise, or 0 when the frame was obeyed. */
-static uint16_t *obey(const frame_t *f) {
+/* Return the counter to raise, or 0 if the frame was executed. */
+static uint16_t *execute(const frame_t *f) {
     static const uint8_t lengths[] = {DRIVE_LENGTH + SEAL, CONFIG_LENGTH + SEAL, PING_LENGTH, STOP_LENGTH,
                                       ASK_INFO_LENGTH, SETTINGS_LENGTH + SEAL, ASK_SETTINGS_LENGTH};
     if (f->kind < KIND_DRIVE || f->kind > KIND_ASK_SETTINGS || f->length != lengths[f->kind - KIND_DRIVE])
@@ -115,10 +115,10 @@ static uint16_t *obey(const frame_t *f) {
     }
     case KIND_CONFIG:
         wrong = configure((const config_t *)f->payload);
-        if (wrong) ++*wrong; /* before it is told */
+        if (wrong) ++*wrong; /* before INFO is sent */
         /* fall through */
-    case KIND_ASK_INFO: tell_info(); break;
-    case KIND_ASK_SETTINGS: tell_settings(); break;
+    case KIND_ASK_INFO: send_info(); break;
+    case KIND_ASK_SETTINGS: send_settings(); break;
     }
     return 0;
 }
@@ -126,20 +126,20 @@ static uint16_t *obey(const frame_t *f) {
 void protocol_begin(void) {
     info.nonce = state.nonce = (uint8_t)info.boots;
     info.reset_cause = board_reset_cause();
-    tell_info();
+    send_info();
 }
 
 void protocol_take(uint8_t byte) {
     const frame_t *frame = frame_take(byte);
-    uint16_t *wrong = frame ? obey(frame) : 0;
+    uint16_t *wrong = frame ? execute(frame) : 0;
     if (wrong) ++*wrong;
 }
 
 void protocol_tick(void) {
     static uint8_t wait;
     info.least_free_ram = board_free_ram();
-    if (settings_tick()) tell_settings();
+    if (settings_tick()) send_settings();
     if (wait--) return;
     wait = info.config.telemetry_ms - 1;
-    tell_state();
+    send_state();
 }

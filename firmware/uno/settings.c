@@ -5,7 +5,7 @@
 #include "telemetry.h"
 
 #define LAYOUT 1
-#define AT_BOOTS 0 /* two cells of 2 bytes, used in turn: a cut while one is written leaves the other */
+#define AT_BOOTS 0 /* two cells of 2 bytes, used in turn: if the power fails during one write, the other is valid */
 #define AT_SETTINGS 8
 
 typedef struct __attribute__((packed)) {
@@ -17,7 +17,7 @@ typedef struct __attribute__((packed)) {
 settings_t settings;
 uint8_t settings_factory;
 static stored_t stored;
-static uint8_t next = sizeof(stored_t) + 1; /* the byte to store; one more: the last is to be read back; then rest */
+static uint8_t next = sizeof(stored_t) + 1; /* the byte to store; size: verify the last byte; size + 1: finished */
 
 static uint16_t boots_cell(uint8_t place) {
     return board_eeprom_read(place) | (uint16_t)board_eeprom_read(place + 1) << 8;
@@ -42,7 +42,7 @@ void settings_begin(void) {
     settings = settings_factory ? factory : stored.settings;
 }
 
-/* What is under the least wraps to far above the most. */
+/* A value below the least wraps to one far above the most. */
 #define IN(value, name) ((uint16_t)((value) - name##_LEAST) <= name##_MOST - name##_LEAST)
 
 uint8_t settings_in_range(const settings_t *s) {
@@ -70,7 +70,7 @@ uint8_t settings_tick(void) {
     const uint8_t *bytes = (const uint8_t *)&stored;
     if (next > sizeof stored || !board_eeprom_ready()) return 0;
     if (next && board_eeprom_read(AT_SETTINGS + next - 1) != bytes[next - 1]) {
-        next--; /* it did not take: once more, and no answer until it does */
+        next--; /* not stored: try again, without an answer until then */
     } else if (next == sizeof stored) {
         next++;
         settings_factory = 0;

@@ -1,4 +1,4 @@
-/* What is told to the host, kept up to date where it is known, sent as it stands. */
+/* The data for the host: each file updates its fields, and protocol.c sends them unchanged. */
 #pragma once
 #include "frames.h"
 
