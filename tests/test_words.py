@@ -260,6 +260,23 @@ def test_no_option_and_no_role_of_a_parameter_is_a_verb_of_saying_or_an_adverb()
     assert not names, f"name what it gives: {sorted(names)}"
 
 
+def test_no_name_or_comment_in_c_or_javascript_contains_a_verb_of_saying():
+    paths = [
+        path
+        for folder in (SOURCE / "web", DOCS / "docs", DOCS / "firmware")
+        for path in folder.rglob("*")
+        if path.suffix in (".js", ".c", ".h", ".ino")
+    ]
+    names = {
+        f"{path.relative_to(DOCS)}: {word}"
+        for path in paths
+        for word in re.findall(r"[A-Za-z_]\w*", path.read_text(encoding="utf-8"))
+        if VERBS.intersection(words_of(word))
+    }
+    assert len(paths) > 30
+    assert not names, f"name what it holds: {sorted(names)}"
+
+
 def test_no_key_of_a_row_is_a_verb_of_saying():
     keys = {
         f"{path.relative_to(SOURCE)}: {key.value}"

@@ -18,7 +18,7 @@
     range.selectNodeContents(node);
     return { node, box: range.getBoundingClientRect(), lines: [...range.getClientRects()] };
   }).filter(({ box }) => covers(box)); // a text can leave an element of no width
-  const SIDEWAYS = ".scroll, .content, pre"; // meant to be scrolled sideways, too
+  const SIDEWAYS = ".scroll, .content, pre"; // can be scrolled sideways, too
   // cut: the text is wider or higher than the nearest box that clips it
   for (const { node, box } of texts) {
     for (let one = node; one && one !== document.documentElement; one = one.parentElement) {
@@ -63,7 +63,7 @@
     const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
     if (ratio < 4.5) wrong.push(`faint, ${ratio.toFixed(2)}: ${name(node)}`);
   }
-  // names: what can be pressed says what it is
+  // names: each element that can be pressed has a name
   for (const node of document.querySelectorAll("button, a, select, input, [tabindex='0']")) {
     const label = node.getAttribute("aria-label") || node.textContent.trim() || node.labels?.[0]?.textContent;
     if (visible(node) && !label) wrong.push(`nameless: ${name(node)}`);

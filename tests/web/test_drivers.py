@@ -48,7 +48,7 @@ async def test_rt14_only_one_of_several_browsers_drives_at_a_time(tmp_path, seed
             # a second heartbeat with the same number does not count
             n = chance.choice((counts[name] + 1, counts[name]))
             counts[name] = n
-            await visitor.send("beat", n=n, seen=live.feed.number, u=[names.index(name) + 1.0])
+            await visitor.send("beat", n=n, frame=live.feed.number, u=[names.index(name) + 1.0])
             if model.now() == name and n > model.n:
                 model.n, model.until_s = n, clock.s + LEASE_S
                 model.commands.append([names.index(name) + 1.0])

@@ -90,12 +90,12 @@ def test_a_frame_that_is_not_drawn_is_not_named_by_a_heartbeat(driver, live):
     until(lambda: live.words("beat"))
     driver.js("globalThis.requestAnimationFrame = () => 0")  # nothing is drawn, but frames arrive
     time.sleep(0.1)
-    frame_count, beats = driver.js(f"{PAGE}.link.seen"), len(live.words("beat"))
+    frame_count, beats = driver.js(f"{PAGE}.link.frame"), len(live.words("beat"))
     driver.wait(f"{PAGE}.link.number > {frame_count} + 5")
     assert len(live.words("beat")) == beats
     driver.js("dispatchEvent(new Event('pagehide'))")
     until(lambda: live.words("give"))
-    assert [beat["seen"] for beat in live.words("beat")[beats:]] == [frame_count]
+    assert [beat["frame"] for beat in live.words("beat")[beats:]] == [frame_count]
 
 
 def test_a_finger_on_the_touch_pad_drives_until_it_is_lifted_or_interrupted(tab, live, pad_of_phone):

@@ -38,7 +38,7 @@ def test_error_bars_are_hollow_until_a_fit_and_shrink_while_driving(tab, live):
     assert all(
         now < first for now, first in zip(sorted(tab.js(WIDTHS)), sorted(before), strict=True) if first > 1.0
     )
-    assert tab.js("document.querySelector('.known-card .chip').textContent") == "USABLE"
+    assert tab.js("document.querySelector('.estimates-card .chip').textContent") == "USABLE"
     unseen_chip = "document.querySelector('[data-kind~=hollow]')"
     assert "not identified" in tab.js(f"{unseen_chip}.textContent")
     assert "missing: sliding sideways" in tab.js(f"{unseen_chip}.textContent")

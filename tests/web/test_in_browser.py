@@ -24,7 +24,7 @@ REFUSALS = """(({ on }) => {
 BEATS = """async () => {  // of a driver who has handed over
   const { link } = baqueano.page;
   for (let n = 0; n < 12; n++) {
-    link.send({ type: "beat", n: 1e6 + n, seen: link.seen, u: [1, 0, 0] });
+    link.send({ type: "beat", n: 1e6 + n, frame: link.frame, u: [1, 0, 0] });
     await new Promise((done) => setTimeout(done, 40));
   }
   return 12;
@@ -153,7 +153,7 @@ def test_a_user_block_of_the_folder_replaces_a_block_and_drives(browser, tmp_pat
         tab.wait("baqueano.page.hello?.fields.length > 9", START_S)
         tab.click("#tab-blocks")
         tab.js(f"{blocks}.pick('controller')")
-        tab.wait(f"Boolean({blocks}.known.controller?.text)", START_S)
+        tab.wait(f"Boolean({blocks}.details.controller?.text)", START_S)
         tab.js(
             "(() => { const one = document.querySelector('.other select'); one.value = 'mine.py:MyLaw';"
             "one.dispatchEvent(new Event('change')); })()"

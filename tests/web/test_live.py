@@ -73,17 +73,17 @@ async def test_the_page_forwards_each_heartbeat_of_the_driver_and_adds_none(tmp_
         browser(server, name="ana") as ana,
         browser(server, name="luis") as luis,
     ):
-        await ana.send("beat", n=1, seen=0, u=[0.1])
+        await ana.send("beat", n=1, frame=0, u=[0.1])
         await ana.send("take")
         assert (await ana.next("lease", you=True))["driver"] == "ana"
         for n in range(1, 6):
             link.frame(0.05 * n)
-            await ana.send("beat", n=n, seen=live.feed.number, u=[0.1 * n])
-            await luis.send("beat", n=n, seen=live.feed.number, u=[-1.0])
+            await ana.send("beat", n=n, frame=live.feed.number, u=[0.1 * n])
+            await luis.send("beat", n=n, frame=live.feed.number, u=[-1.0])
             await until(lambda n=n: len(link.requests("hand")) == n)
         assert [word["u"] for word in link.requests("hand")] == [[0.1 * n] for n in range(1, 6)]
-        await ana.send("beat", n=5, seen=live.feed.number, u=[1.0])
-        await ana.send("beat", n=4, seen=live.feed.number, u=[1.0])
+        await ana.send("beat", n=5, frame=live.feed.number, u=[1.0])
+        await ana.send("beat", n=4, frame=live.feed.number, u=[1.0])
         await ana.next("lease", driver=None)  # the driver was silent
         assert len(link.requests("hand", "beat")) == 5
 
@@ -95,7 +95,7 @@ async def test_heartbeats_of_a_driver_with_a_frozen_picture_are_not_forwarded(tm
         while live.lease.holder is not None or n == 0:
             n += 1
             link.frame(0.05 * n)
-            await ana.send("beat", n=n, seen=frame, u=[1.0])
+            await ana.send("beat", n=n, frame=frame, u=[1.0])
             await asyncio.sleep(0.05)
         assert len(link.requests("hand")) < 16  # 0.3 s plus the permitted delay of the connection
         assert n > 2
@@ -105,7 +105,7 @@ async def test_heartbeats_of_a_driver_with_a_frozen_picture_are_not_forwarded(tm
 async def test_a_heartbeat_with_an_invalid_command_is_refused(tmp_path, u):
     async with live_page(tmp_path) as (server, link, _), browser(server) as ana:
         await ana.send("take")
-        await ana.send("beat", n=1, seen=0, u=u)
+        await ana.send("beat", n=1, frame=0, u=u)
         assert (await ana.next("refused"))["to"] == "beat"
         assert not link.requests("hand")
 
@@ -197,7 +197,7 @@ async def test_the_vehicle_is_handed_over_by_name(tmp_path):
         await ana.send("take")
         await ana.send("give", to="luis")
         assert (await luis.next("lease", you=True))["driver"] == "luis"
-        await luis.send("beat", n=1, seen=live.feed.number, u=[0.3])
+        await luis.send("beat", n=1, frame=live.feed.number, u=[0.3])
         await until(lambda: link.requests("hand"))
         await luis.line.close()
         await until(lambda: live.lease.holder is None)
@@ -328,5 +328,5 @@ async def drive_page(visitor, link, kind, **fields):
     async with asyncio.timeout(WAIT_S):
         while len(link.requests("mission")) == before:
             n += 1
-            await visitor.send("beat", n=n, seen=0, u=[0.0])
+            await visitor.send("beat", n=n, frame=0, u=[0.0])
             await asyncio.sleep(0.05)

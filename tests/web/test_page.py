@@ -60,18 +60,18 @@ def test_keys_drive_while_pressed_and_heartbeats_name_the_drawn_frame(tab, live)
     tab.up("a", "KeyA")
     until(lambda: live.words("beat")[-1]["u"] == [0, 0, 0])
     beats = live.words("beat")
-    numbers, frames = [beat["n"] for beat in beats], [beat["seen"] for beat in beats]
+    numbers, frames = [beat["n"] for beat in beats], [beat["frame"] for beat in beats]
     assert numbers == sorted(set(numbers))
     assert frames == sorted(frames)
-    until(lambda: live.words("beat")[-1]["seen"] > frames[0])
+    until(lambda: live.words("beat")[-1]["frame"] > frames[0])
 
 
 def test_with_a_frozen_picture_heartbeats_repeat_the_old_frame_number(driver, live):
     live.frozen = True
     time.sleep(0.6)
-    last = live.words("beat")[-1]["seen"]
+    last = live.words("beat")[-1]["frame"]
     time.sleep(0.6)
-    assert live.words("beat")[-1]["seen"] == last
+    assert live.words("beat")[-1]["frame"] == last
     driver.wait("!document.getElementById('age').hidden")
 
 

@@ -101,7 +101,7 @@ async def test_ne9_twenty_vehicles_in_one_room_obey_only_their_own_driver(tmp_pa
                 link.frame(0.05 * n)
                 for robot, u in ((robots[(k + 1) % VEHICLES], -1.0), (robots[k], k / 100.0)):
                     n += 1
-                    await driver.send("beat", n=n, seen=live.feed.number, u=[u], robot=robot)
+                    await driver.send("beat", n=n, frame=live.feed.number, u=[u], robot=robot)
                 await asyncio.sleep(0.05)
 
         async with asyncio.timeout(WAIT_S), asyncio.TaskGroup() as driving:

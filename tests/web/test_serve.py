@@ -134,7 +134,7 @@ async def driving(port, moves, via=None):
                         await visitor.send("mission", kind="drive")
                     continue
             n += 1
-            await visitor.send("beat", n=n, seen=frame, u=[0.5, 0.0, 0.0])
+            await visitor.send("beat", n=n, frame=frame, u=[0.5, 0.0, 0.0])
             await asyncio.sleep(0.03)
 
 
@@ -256,5 +256,5 @@ async def beats(visitor, forward=0.0):
     """Send a heartbeat with a command for the newest picture, as a browser that draws does."""
     for n in count(1):
         frame = HEAD_LAYOUT.unpack(visitor.frames[-1][:16])[0] if visitor.frames else 0
-        await visitor.send("beat", n=n, seen=frame, u=[forward, 0.0, 0.0])
+        await visitor.send("beat", n=n, frame=frame, u=[forward, 0.0, 0.0])
         await asyncio.sleep(0.03)

@@ -37,7 +37,7 @@ def states(tab, live):
     yield "dialog"
     tab.click("#close")
     tab.click("#tab-blocks")
-    tab.wait(f"Boolean({PAGE}.screens.blocks.known.estimator?.text)")
+    tab.wait(f"Boolean({PAGE}.screens.blocks.details.estimator?.text)")
     for k, view in enumerate(("signals", "parameters", "source")):
         tab.js(f"{VIEWS}[{k}].click()")
         yield view

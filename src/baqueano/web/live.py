@@ -149,7 +149,7 @@ class Live:
         u = message["u"]
         if not isinstance(u, list) or len(u) > MAX_COMMANDS or not all(is_finite_number(x) for x in u):
             raise UsageError.of("web.not-understood", error="u")
-        age_s = self.feed.age_s(int(message["seen"]))
+        age_s = self.feed.age_s(int(message["frame"]))
         if self.lease.renew(visitor, int(message["n"]), age_s, visitor.round_trip_s):
             self._link.send("hand", u=[float(x) for x in u])
 

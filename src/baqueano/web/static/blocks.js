@@ -9,8 +9,8 @@ import { num, t, three } from "./strings.js";
 const SPAN = 10; // s
 const BLOCKS = ["vehicle", "sensors", "estimator", "guide", "controller", "supervisor"];
 const WIRES = [["vehicle", "sensors"], ["sensors", "estimator"], ["estimator", "guide"], ["guide", "controller"], ["estimator", "controller"], ["controller", "supervisor"], ["supervisor", "vehicle"]];
-const LOOP = BLOCKS.slice(2); // whose step a tick pays for
-const COLOURS = ["measured", "model", "ghost"]; // of the lines on a wire
+const LOOP = BLOCKS.slice(2); // the blocks whose step is part of a tick
+const COLOURS = ["measured", "model", "ghost"]; // of a line on a wire
 
 export class Blocks {
   static key = "blocks";
@@ -25,12 +25,12 @@ export class Blocks {
   shown() { if (this.boxes) for (const key of LOOP) this.#learn(key); }
 
   #learn(key) {
-    const { known } = this;
-    if (known[key] !== undefined) return;
-    known[key] = null;
+    const { details } = this;
+    if (details[key] !== undefined) return;
+    details[key] = null;
     this.page.ask("block", { room: key }, (word) => {
-      if (known !== this.known) return;
-      known[key] = word;
+      if (details !== this.details) return;
+      details[key] = word;
       if (word.step_us) write(this.boxes[key].lastChild, `${three(word.step_us)} µs`);
       if (key === this.picked) this.#show();
     });
@@ -38,7 +38,7 @@ export class Blocks {
 
   build() {
     const { page } = this;
-    Object.assign(this, { known: {}, boxes: null });
+    Object.assign(this, { details: {}, boxes: null });
     if (!page.shown) { this.node.replaceChildren(empty(t("replay.none"))); return; }
     const { record, about: { vehicle, blocks = {} } } = page.shown;
     Object.assign(this, form("blocks", this.node));
@@ -74,7 +74,7 @@ export class Blocks {
   }
 
   #show() {
-    const { content, picked, page } = this, about = this.known[picked];
+    const { content, picked, page } = this, about = this.details[picked];
     content.classList.toggle("strip-list", this.view === 0);
     if (this.view === 0) content.replaceChildren(...this.strips.map((one) => one.node));
     else if (!about?.text) content.replaceChildren(el("p", about?.refusal ?? t("block.loading")));
@@ -99,7 +99,7 @@ export class Blocks {
   #check() {
     const { picked, check, result } = this;
     write(check, t("block.checking"));
-    this.page.ask("check", { room: picked, kind: this.known[picked].kind }, ({ findings, no }) => {
+    this.page.ask("check", { room: picked, kind: this.details[picked].kind }, ({ findings, no }) => {
       if (picked !== this.picked) return;
       const good = findings?.length === 0;
       show(check, false);
@@ -126,7 +126,7 @@ export class Blocks {
   }
 }
 
-/** Straight where two boxes share a row or a column, else along the row of the first. */
+/** Draw a straight wire within a row or a column, else along the row of the first box. */
 function path(a, b) {
   const near = (p, q) => Math.abs(p - q) < 6, right = b.x > a.x, down = b.y > a.y, middle = (a.l + b.r) / 2;
   const across = [right ? a.r : a.l, a.y], into = [b.x, down ? b.t : b.b];

@@ -1,15 +1,15 @@
-// A canvas of the size of its box, and what is drawn on it.
+// A canvas of the size of its box, and its drawing functions.
 
 const { floor, max, min, round } = Math;
-let known = {};
+let cache = {};
 const style = () => getComputedStyle(document.documentElement);
 
 /** `colours.ink` is `--ink` of the style sheet, read once for a theme. */
-export const colours = new Proxy({}, { get: (_, name) => known[name] ??= style().getPropertyValue(`--${name}`).trim() });
-export function readColours() { known = { rem: parseFloat(style().fontSize) }; }
-const paint = (colour) => colours[colour] || colour; // a name of the theme, or any
+export const colours = new Proxy({}, { get: (_, name) => cache[name] ??= style().getPropertyValue(`--${name}`).trim() });
+export function readColours() { cache = { rem: parseFloat(style().fontSize) }; }
+const paint = (colour) => colours[colour] || colour; // a name of the theme, or any colour
 
-/** Return so many colours [red, green, blue] along a row of "#rrggbb". */
+/** Return `count` colours [red, green, blue] along a row of "#rrggbb". */
 export function ramp(row, count) {
   const stops = row.map((one) => [1, 3, 5].map((k) => parseInt(one.slice(k, k + 2), 16)));
   return Array.from({ length: count }, (_, n) => {
@@ -47,7 +47,7 @@ export function axis(from, to, first, last) {
   return (x) => first + scale * (x - from);
 }
 
-/** A thin line is sharp in the middle of a pixel. */
+/** Move a thin line to the middle of a pixel, where it is sharp. */
 export const sharp = (x) => round(x) + 0.5;
 
 /** Return the largest 1, 2 or 5 times a power of ten within a size. */

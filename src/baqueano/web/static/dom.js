@@ -1,4 +1,4 @@
-// Elements and their texts. What comes from outside is only ever put in as text.
+// Elements and their texts. Data from outside are only inserted as text.
 
 import { follow } from "./canvas.js";
 import { t } from "./strings.js";
@@ -12,7 +12,7 @@ export function el(what, ...rest) {
   return made;
 }
 
-/** Write a text if it differs, to avoid a new layout. Several go into the children. */
+/** Write a text if it differs, to avoid a new layout. A list of texts is written into the children. */
 export function write(node, text) {
   if (Array.isArray(text)) { text.forEach((one, k) => write(node.children[k], one)); return; }
   const plain = String(text ?? "");
@@ -21,12 +21,12 @@ export function write(node, text) {
 
 export function put(parts, texts) { for (const [name, text] of Object.entries(texts)) write(parts[name], text); }
 
-/** Give buttons what they do, by the names of the parts. */
+/** Set the actions of buttons, by the names of the parts. */
 export function press(parts, acts) { for (const [name, act] of Object.entries(acts)) parts[name].onclick = act; }
 
 export function show(node, visible) { node.hidden = !visible; }
 
-/** Write the texts for which the elements in a node ask; return those that have a name. */
+/** Write the texts of the elements in a node; return the elements that have a name. */
 export function texts(root) {
   const parts = {};
   for (const one of root.querySelectorAll("*")) {
@@ -39,7 +39,7 @@ export function texts(root) {
   return parts;
 }
 
-/** Copy a form of index.html, into a node if there is one already; return the node and its named parts. */
+/** Copy a form of index.html, into `node` if it is given; return the node and its named parts. */
 export function form(id, node = null) {
   const copy = document.getElementById(`form-${id}`).content.cloneNode(true), parts = texts(copy);
   copy.querySelectorAll("canvas").forEach(follow);
@@ -50,7 +50,7 @@ export function form(id, node = null) {
 
 export const calm = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
-/** Let one of a row of choices be pressed; `onpick` gets its index. */
+/** Let a person press one of a row of choices; `onpick` gets its index. */
 export function choices(group, picked, onpick) {
   const all = [...group.children], press = (k) => all.forEach((one, j) => { one.ariaPressed = j === k; });
   all.forEach((one, k) => { one.onclick = () => { press(k); onpick(k); }; });
@@ -76,18 +76,18 @@ export const head = (...names) => el("thead", el("tr", el("td"), names.map((one)
 export const empty = (title, ...more) => el("section.card.empty", el("h2", title), ...more);
 
 export function drag(node, at, over = () => {}, may = () => true) {
-  let held = false;
-  const end = (lost) => () => { if (held) { held = false; over(lost); } };
+  let on = false;
+  const end = (lost) => () => { if (on) { on = false; over(lost); } };
   Object.assign(node, {
-    onpointerdown(e) { if (may()) { node.setPointerCapture(e.pointerId); held = true; at(e); } },
-    onpointermove(e) { if (held) at(e); },
+    onpointerdown(e) { if (may()) { node.setPointerCapture(e.pointerId); on = true; at(e); } },
+    onpointermove(e) { if (on) at(e); },
     onpointerup: end(false), onlostpointercapture: end(true),
   });
 }
 
 export const alone = (event) => !(event.ctrlKey || event.metaKey || event.altKey);
 
-/** Execute the entry of a table for a key; return whether it has one. */
+/** Execute the entry of a table for a key; return the entry, if it exists. */
 export function keyed(table, event, down) {
   const act = alone(event) && (table[event.code] ?? table[event.key]);
   if (act && down) act();

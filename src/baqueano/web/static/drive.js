@@ -1,4 +1,4 @@
-// The screen that shows the vehicle now, and from which it is driven.
+// The screen that shows and drives the vehicle.
 
 import { area, axis, begin, clamp, line } from "./canvas.js";
 import { choices, fill, form, press, put, show, slide, write } from "./dom.js";
@@ -73,7 +73,7 @@ export class Drive {
     this.buttons();
   }
 
-  /** A lap just taught may end at its start. */
+  /** Let a lap that was just taught end at its start. */
   runs() { show(this.closed, this.name && this.page.runs[0]?.kind === "teach"); }
 
   buttons() {
@@ -102,7 +102,7 @@ export class Drive {
   }
 }
 
-/** Draw what Drive and Replay share: beside a ghost neither corridor nor truth. */
+/** Draw the common parts of Drive and Replay; with a ghost, corridor and truth are omitted. */
 export function drawMap(screen, route, { record, about: { vehicle }, estimate, path, truth }, i, row, ghost = null) {
   const [cross, u, v] = record.values(i, "cross", "nu.u", "nu.v"), [within, unit] = length(record.across(i)[0]);
   put(screen, { away: length(abs(cross)), within: [unit ? `± ${within}` : within, unit], speed: num(Math.hypot(u, v), 2) });

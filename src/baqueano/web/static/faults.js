@@ -9,10 +9,10 @@ import { num, percent, t, three } from "./strings.js";
 
 const { hypot, max, PI } = Math;
 const PACES = [0.125, 0.25, 1, 4];
-const PUSH = 0.003, MOST_PUSH = 0.6, KEY_PUSH = 0.2; // N s: of a pixel, at most, of a key
+const PUSH = 0.003, MOST_PUSH = 0.6, KEY_PUSH = 0.2; // N s: of a pixel, the largest, of a key
 const STEEPEST = 0.1, KEY_TILT = PI / 360; // rad: at the edge of the pad, of a key
 const SPAN = 20; // s
-const BEFORE = 1; // s, that the twin is seen before the fault
+const BEFORE = 1; // s, for which the twin is shown before the fault
 
 export class Faults {
   static key = "faults";
@@ -100,7 +100,7 @@ export class Faults {
     choices(this.paces, PACES.indexOf(page.state.pace ?? 1), (k) => page.send({ type: "pace", factor: PACES[k] }));
   }
 
-  /** Drive something that drives itself, so that it can be driven again. */
+  /** Start a drive without a person, so that it can be repeated. */
   #begin() {
     const { page } = this, [route] = page.screens.drive.names;
     this.#before(null);
@@ -109,7 +109,7 @@ export class Faults {
 
   #before(ghost) { this.ghost = ghost; show(this.ghostKey, ghost); }
 
-  /** Drive again without a fault; what was driven stays as a ghost. */
+  /** Drive again without a fault; the former drive stays as a ghost. */
   #again(row) {
     const { page } = this;
     if (!row) return;
@@ -146,7 +146,7 @@ export class Faults {
     return pressed(this.actions, event, down) || this.map.key(event, down);
   }
 
-  /** Return the pushes where they met the vehicle: [x, y, N s to x, to y]. */
+  /** Return the pushes at the place of the vehicle: [x, y, N s to x, to y]. */
   #arrows(record) {
     return this.rows.filter((row) => row.fault.kind === "push" && row.t_s >= record.start).flatMap(({ t_s, fault: { frame, x, y } }) => {
       const pose = record.pose(record.row(t_s), "truth"), turn = frame === "map" ? 0 : pose?.[2], c = Math.cos(turn), s = Math.sin(turn);

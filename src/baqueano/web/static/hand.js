@@ -1,5 +1,5 @@
-// Manual driving: touch pad, keys, game pad; and the beats that keep the vehicle ours.
-// The drawing loop alone sends a beat, with the last frame drawn: a hidden or frozen tab sends none.
+// Manual driving: touch pad, keys, game pad; and the beats that retain the control.
+// Only the drawing loop sends a beat, with the last drawn frame. A hidden or frozen tab does not send a beat.
 
 import { clamp } from "./canvas.js";
 import { alone, drag, el, write } from "./dom.js";
@@ -8,7 +8,7 @@ import { t } from "./strings.js";
 
 const EVERY_MS = 45; // 20 beats a second out of 60 pictures
 const DEAD = 0.1; // of a game pad's stick
-const PAD_STOP = 1; // its button B, or circle
+const PAD_STOP = 1; // the button B, or circle
 const KEYS = { KeyW: [0, 1], KeyS: [0, -1], KeyA: [-1, 0], KeyD: [1, 0] }, { KeyW, KeyS, KeyA, KeyD } = KEYS;
 export const WAYS = { ...KEYS, ArrowUp: KeyW, ArrowDown: KeyS, ArrowLeft: KeyA, ArrowRight: KeyD };
 
@@ -16,8 +16,8 @@ export class Hand {
   constructor(page) {
     Object.assign(this, { page, mine: false, n: 0, sent_ms: 0, keys: new Set() });
     this.part = 0.5; // of the command at full stick
-    this.held = null; // [right, up] while the pad is held
-    const put = (held) => { this.held = held; this.#knob(); };
+    this.padWay = null; // [right, up] while a finger is on the pad
+    const put = (way) => { this.padWay = way; this.#knob(); };
     this.pad = stick(72, (...way) => put(way), (lost) => { if (lost) this.letGo(); else put(null); }, () => { if (!this.mine) page.say(t("pad.take")); return this.mine; });
     addEventListener("blur", () => { if (this.keys.size) this.letGo(); });
     addEventListener("pagehide", () => this.letGo());
@@ -25,7 +25,7 @@ export class Hand {
     addEventListener("gamepaddisconnected", () => { if (this.fromPad) this.letGo(); });
   }
 
-  /** Stand still at once, and give the vehicle away, or to another visitor. */
+  /** Stop at once, and release the control, or give it to another visitor. */
   letGo(to) {
     this.still();
     if (!this.mine) return;
@@ -35,7 +35,7 @@ export class Hand {
 
   still() {
     this.keys.clear();
-    this.held = null;
+    this.padWay = null;
     this.fromPad = false;
     this.#knob();
   }
@@ -51,37 +51,37 @@ export class Hand {
   key(event, down) {
     const { code } = event;
     if (!(code in WAYS) || !alone(event)) return false;
-    if (down !== this.keys.has(code)) this.sent_ms = 0; // the next picture has its beat
+    if (down !== this.keys.has(code)) this.sent_ms = 0; // send a beat with the next picture
     if (down && this.mine) this.keys.add(code); else this.keys.delete(code);
     this.#knob();
     return this.mine;
   }
 
-  /** [right, ahead], each in [-1, 1]. */
-  get wanted() {
-    if (this.held) return this.held;
+  /** Return [right, ahead], each in [-1, 1]. */
+  get way() {
+    if (this.padWay) return this.padWay;
     if (this.keys.size) return [0, 1].map((k) => clamp([...this.keys].reduce((sum, key) => sum + WAYS[key][k], 0), -1, 1));
     return this.#gamePad() ?? [0, 0];
   }
 
   get #pads() { return [...navigator.getGamepads?.() ?? []].filter((one) => one?.connected); }
 
-  /** [right, ahead, aside]: with two commands either stick turns, with three the left one goes sideways. */
+  /** Return [right, ahead, lateral]: with two commands both sticks turn, with three the left one moves sideways. */
   #gamePad() {
     const beyond = (x = 0) => (Math.abs(x) < DEAD ? 0 : (x - Math.sign(x) * DEAD) / (1 - DEAD)), three = movable(this.page.hello.vehicle)[2];
     return (this.fromPad = this.#pads.map(({ axes: [x, y, turn] }) => [beyond(turn) || (three ? 0 : beyond(x)), -beyond(y), beyond(x)]).find((way) => way.some(Boolean)));
   }
 
-  /** As STOP on the page, whoever drives. */
+  /** Stop as the button STOP does, also without the control. */
   #padStop() {
     const pressed = this.#pads.some(({ buttons }) => buttons[PAD_STOP]?.pressed);
     if (pressed && !this.padStopped) this.page.stop();
     this.padStopped = pressed;
   }
 
-  /** The first command that moves something drives ahead, the middle one left, the last one turns left. */
+  /** Return the command: its first movable component is ahead, the middle one left, the last one a left turn. */
   get command() {
-    const { vehicle } = this.page.hello, [right, ahead, aside] = this.wanted, [first, ...more] = movable(vehicle), share = { [first]: ahead, [more[0]]: -aside, [more.at(-1)]: -right };
+    const { vehicle } = this.page.hello, [right, ahead, lateral] = this.way, [first, ...more] = movable(vehicle), share = { [first]: ahead, [more[0]]: -lateral, [more.at(-1)]: -right };
     return vehicle.command.map(({ low, high }, k) => { const part = this.part * (share[k] || 0); return part >= 0 ? part * high : -part * low; });
   }
 
@@ -90,14 +90,14 @@ export class Hand {
     if (!this.mine || (!still && now_ms - this.sent_ms < EVERY_MS)) return;
     this.sent_ms = now_ms;
     const u = this.command;
-    this.page.send({ type: "beat", n: ++this.n, seen: this.page.link.seen, u: still ? u.map(() => 0) : u });
+    this.page.send({ type: "beat", n: ++this.n, frame: this.page.link.frame, u: still ? u.map(() => 0) : u });
     this.#knob();
   }
 
-  #knob() { this.pad.put(...this.wanted); }
+  #knob() { this.pad.put(...this.way); }
 }
 
-/** A round pad: `move` gets how far the finger is to the right and up, within a circle of 1. */
+/** Make a round pad: `move` gets the position of the finger to the right and up, within a circle of 1. */
 export function stick(travel, move, over, may) {
   const knob = el("span.knob"), pad = el("div.pad", { tabIndex: 0, role: "application" }, knob);
   drag(pad, (e) => {
@@ -108,7 +108,7 @@ export function stick(travel, move, over, may) {
   return pad;
 }
 
-/** A button and its key: `free` to be pressed, `on` while it acts; with a page, one that moves its vehicle. */
+/** Make a button with a key. `free`: it can be pressed; `on`: it acts; with `page` it moves the vehicle. */
 export function action(name, code, act, free, on = null, page = null) {
   const made = Object.assign(el("button.action", el("span", t(name)), el("kbd", code.slice(3))), { code, free, on });
   if (page) return moving(made, page, act);
@@ -138,16 +138,16 @@ export function pressed(actions, event, down) {
   return true;
 }
 
-/** A button that acts after a hold of 0.6 s where a real vehicle would move, at once elsewhere. */
+/** Let a button act after 0.6 s if a real vehicle would move, and else at once. */
 export function moving(button, page, act) {
   let timer = 0;
   const real = () => ["real", "emulated"].includes(page.hello.vehicle.world);
-  const end = () => { clearTimeout(timer); timer = 0; button.classList.remove("held"); };
+  const end = () => { clearTimeout(timer); timer = 0; button.classList.remove("hold"); };
   const drop = () => { if (timer) { end(); page.say(t("hold.longer")); } };
   const press = () => {
     if (button.disabled || timer) return;
     if (!real()) { act(); return; }
-    button.classList.add("held");
+    button.classList.add("hold");
     timer = setTimeout(() => { end(); act(); }, 600);
   };
   return Object.assign(button, {

@@ -1,4 +1,4 @@
-// The parameters that the drive has identified, and what to drive next.
+// The parameters that the drive has identified, and the most informative next motion.
 
 import { area, axis, begin, clamp, colours, label, line, ramp, sharp } from "./canvas.js";
 import { drag, el, form, put, show, write } from "./dom.js";
@@ -8,7 +8,7 @@ import { trailsOf } from "./record.js";
 import { duration, num, percent, t } from "./strings.js";
 
 const { floor, log, log10, max, min, round } = Math;
-const LEAST = 1e-4, POOR = 0.1; // of the value: where the scale begins, and an error becomes poor
+const LEAST = 1e-4, POOR = 0.1; // of the value: the start of the scale, and a poor error
 const QUIET = 0.1, LOUD = 100; // bits/s, the ends of the colours
 const AGO_S = 2.5, EXPERIMENT_S = 60;
 const SHADES = 12;
@@ -52,7 +52,7 @@ export class Identify {
     if (of !== this.of) {
       this.order = null;
       this.rows = parameters.map(({ label, path, unit }) => {
-        const row = form("known");
+        const row = form("estimate");
         put(row, { label, path: path.replace("drivetrain.", ""), unit });
         return row;
       });

@@ -1,12 +1,12 @@
 // The WebSocket: messages as JSON, rows as binary frames. Each connection begins with `hello`.
 
 const HEAD = 16; // bytes: uint32 stream and number, uint32 rows, float64 time of the first row
-const OVER = 1000; // the drives have ended as they should
+const OVER = 1000; // the drives have ended normally
 
 export class Link {
-  /** `on`: {rows, down, over, <word>…}, each called with what came. */
+  /** `on`: {rows, down, over, <word>…}, each called with the received data. */
   constructor(language, on) {
-    Object.assign(this, { language, on, seen: 0, number: 0, tries: 0, came_ms: 0, id: 0, token: tokenOf(location), answers: new Map() });
+    Object.assign(this, { language, on, frame: 0, number: 0, tries: 0, came_ms: 0, id: 0, token: tokenOf(location), answers: new Map() });
     this.fields = [0, 0, 0]; // of each stream
     this.connect();
   }
@@ -40,7 +40,7 @@ export class Link {
     old.close();
   }
 
-  /** Send a word, with the vehicle for which it is meant. */
+  /** Send a message with the vehicle that it addresses. */
   send(word) {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify({ ...word, robot: this.robot }));
   }
@@ -69,7 +69,7 @@ export class Link {
   }
 }
 
-/** Take the token out of the address: it is never sent nor shown. */
+/** Remove the token from the address, so that it is never sent or shown. */
 function tokenOf({ hash, pathname, search }) {
   const token = new URLSearchParams(hash.slice(1)).get("token");
   if (token) {

@@ -1,4 +1,4 @@
-// The frame around the screens, the words that come and go, the drawing loop.
+// The frame around the screens, the messages in both directions, the drawing loop.
 
 import { readColours } from "./canvas.js";
 import { Blocks } from "./blocks.js";
@@ -16,7 +16,7 @@ import { Tuned } from "./tuned.js";
 import { language, num, otherLanguage, speak, t } from "./strings.js";
 
 const KEPT_S = 60;
-const OLD_MS = 200; // where the age of the picture begins to be shown
+const OLD_MS = 200; // age of the picture from which it is shown
 const SCREENS = [Drive, Identify, Replay, Tune, Runs, Blocks, Faults];
 const NO_VEHICLE = { name: "", footprint: {}, command: [], rate_hz: 100, world: "recorded" };
 
@@ -33,7 +33,7 @@ const page = {
   get drives() { return this.hello.role === "drive"; },
   get moves() { return ["MISSION", "MANUAL"].includes(this.state.state); },
   get ready() { return this.hand?.mine && this.state.state === "READY"; },
-  /** What the screens show: the live drive, or the run that is open. */
+  /** Return the record that the screens show: the live drive, or the open run. */
   get shown() { return this.recorded ? this.opened : { record: this.record, about: this.hello }; },
 };
 const pending = {};
@@ -109,7 +109,7 @@ function frame() {
   document.title = [name, "baqueano"].filter(Boolean).join(" · ");
   document.body.dataset.mode = hello.mode;
   put(ui, { vehicle: name, world: t(`world.${world}`) });
-  ui.vehicle.style.borderColor = hello.robot ? `hsl(${70 + parseInt(hello.robot.slice(0, 4), 16) % 230} 60% 45%)` : "transparent"; // its own, and never red
+  ui.vehicle.style.borderColor = hello.robot ? `hsl(${70 + parseInt(hello.robot.slice(0, 4), 16) % 230} 60% 45%)` : "transparent"; // of a visitor, and never red
   ui.world.className = `chip world-${world}`;
   fixedTexts();
   show(ui.shared, hello.shared);
@@ -136,7 +136,7 @@ function fixedTexts() {
   texts(document.body);
 }
 
-/** Show the screen of the drives that are played, until somebody chooses one. */
+/** Show the screen of the played drives, until a person chooses another. */
 function follow(scene) {
   if (!scene || page.chosen || scene.screen === page.scene) return;
   page.scene = scene.screen;
@@ -204,7 +204,7 @@ function say(text) {
   flash("toast", "shown", 5000);
 }
 
-/** Stop: no lease, no confirmation, from wherever. */
+/** Stop without the control and without a confirmation, on each screen. */
 function stop() {
   if (page.recorded) return;
   page.hand?.still();
@@ -239,7 +239,7 @@ function keyDone(event, down) {
   return false;
 }
 
-/** STOP stays within reach, and no key drives meanwhile. */
+/** Keep STOP within reach; meanwhile the keys do not drive. */
 function help() {
   page.hand?.still();
   ui.keys.show();
@@ -250,7 +250,7 @@ function theme(chosen) {
   readColours();
 }
 
-/** A lost network closes nothing: reconnect after 8 s of silence. */
+/** Reconnect after 8 s of silence, because a lost network does not close the connection. */
 function ping() {
   const { link } = page, sent = performance.now();
   if (page.recorded || document.hidden) return;
@@ -263,10 +263,10 @@ function draw(now_ms) {
   if (!page.screen) return;
   const began = performance.now(), { link, state } = page;
   page.screen.draw?.(now_ms);
-  link.seen = link.number; // what has come is drawn
+  link.frame = link.number; // the last frame that is drawn
   page.hand.beat(now_ms);
   if (!page.recorded) meters();
-  const age_ms = began - link.came_ms, waits = page.moves && !(state.paused && state.pace); // time that stands sends no rows
+  const age_ms = began - link.came_ms, waits = page.moves && !(state.paused && state.pace); // in a pause no rows arrive
   const old = !page.recorded && ((waits && age_ms > OLD_MS) || !link.up) && state.state !== "OVER" && link.came_ms > 0;
   show(ui.age, old);
   if (old) put(ui, { age: t("age", { s: num(age_ms / 1000) }) });

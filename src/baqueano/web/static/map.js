@@ -1,4 +1,4 @@
-// The map: route, path with its 95 % corridor, ellipses, truth, and the vehicle to its footprint.
+// The map: route, path with its 95 % corridor, ellipses, truth, and the vehicle with its footprint.
 
 import { begin, box, clamp, colours, dot, fill, label, line, nice, sharp, stroke } from "./canvas.js";
 import { calm, form, keyed, press } from "./dom.js";
@@ -52,7 +52,7 @@ export class Map2D {
   /** Return the place [m] under a point of the canvas. */
   place([px, py]) { const { view, middle } = this; return [view.x + (px - middle[0]) / view.scale, view.y - (py - middle[1]) / view.scale]; }
 
-  /** Two fingers zoom; one moves the map, or `pull` gets [x, y, to x, to y], and true at the end. */
+  /** Zoom with two fingers; one finger moves the map, or `pull` gets [x, y, to x, to y], and true at the end. */
   #listen() {
     const { canvas } = this, fingers = new Map(), at = (e) => [e.offsetX, e.offsetY];
     const pair = () => { const [[x0, y0], [x1, y1]] = fingers.values(); return [hypot(x1 - x0, y1 - y0), [(x0 + x1) / 2, (y0 + y1) / 2]]; };
@@ -83,7 +83,7 @@ export class Map2D {
     canvas.addEventListener("wheel", (e) => { e.preventDefault(); this.zoom(Math.exp(-e.deltaY / 400), at(e)); }, { passive: false });
   }
 
-  /** Keep clear of what stands upon the map: legend, numbers, a card. */
+  /** Keep the content free of the elements upon the map: legend, numbers, a card. */
   #clear() {
     const [legend, numbers] = [".map-legend", ".numbers"].map((one) => this.card.querySelector(one));
     const stands = numbers && getComputedStyle(numbers).position === "absolute";
@@ -91,8 +91,8 @@ export class Map2D {
   }
 
   #look(w, h, boxes, at) {
-    const { left, right, top, bottom } = this.pad, known = boxes.filter((one) => Number.isFinite(one[0]));
-    const [x0, y0, x1, y1] = known.length ? known.reduce(union) : [-1, -1, 1, 1];
+    const { left, right, top, bottom } = this.pad, finite = boxes.filter((one) => Number.isFinite(one[0]));
+    const [x0, y0, x1, y1] = finite.length ? finite.reduce(union) : [-1, -1, 1, 1];
     this.middle = [(left + w - right) / 2, (top + h - bottom) / 2];
     const scale = max(min((w - left - right) / max(x1 - x0, 0.8), (h - top - bottom) / max(y1 - y0, 0.8)), 1) * 0.94;
     const { mode, view } = this, fit = { x: (x0 + x1) / 2, y: (y0 + y1) / 2, scale }, size = `${w}|${h}`, part = this.size !== size || calm() ? 1 : 0.16, now = view ?? fit;
@@ -150,11 +150,11 @@ export class Map2D {
   #corridor(c, { trail, row }) {
     const p = trail.points, end = trail.until(row);
     c.beginPath();
-    for (let k = 2; k - 2 < end - 1; k += 2) { // two steps: half as many, and as smooth
+    for (let k = 2; k - 2 < end - 1; k += 2) { // two steps: half the points, and as smooth
       const a = p[k - 2], b = p[min(k, end - 1)];
       if (apart(a, b, trail)) continue;
       const [left, right, leftNext, rightNext] = [a, b].flatMap(([x, y, , nx, ny]) => [[x + nx, y + ny], [x - nx, y - ny]]);
-      this.#triangle(c, left, leftNext, rightNext); // one way, so that none cuts a hole where sides cross
+      this.#triangle(c, left, leftNext, rightNext); // one direction, so that crossing sides do not cut a hole
       this.#triangle(c, left, rightNext, right);
     }
     fill(c, "corridor");

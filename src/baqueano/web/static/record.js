@@ -2,7 +2,7 @@
 
 const { max, min, sqrt } = Math;
 
-/** Return the first of 0 … count from which on a test holds. */
+/** Return the first of 0 … count from which a test is true. */
 function first(count, holds) {
   let low = 0, high = count;
   while (low < high) { const middle = (low + high) >> 1; if (holds(middle)) high = middle; else low = middle + 1; }
@@ -10,10 +10,10 @@ function first(count, holds) {
 }
 
 export class Record {
-  /** `rows`: how many to keep at least; a record that does not roll grows. */
+  /** `rows`: the least number to keep; a record that does not roll grows. */
   constructor(fields, rows, rolling) {
     Object.assign(this, { fields, rolling, rows: max(rows, 64), length: 0 });
-    this.version = 0; // grows whenever a row has another index than before
+    this.version = 0; // grows if a row gets another index
     this.at = new Map(fields.map((field, k) => [field.name, k]));
     this.columns = fields.map(() => new Float32Array(2 * this.rows));
   }
@@ -33,7 +33,7 @@ export class Record {
 
   get channels() { return this.fields.filter((one) => one.name.startsWith("z.")).map((one) => one.name.slice(2)); }
 
-  /** Return [x, y, ψ] of a row, or null where one is not known. */
+  /** Return [x, y, ψ] of a row, or null if one is not finite. */
   pose(i, of = "eta") {
     const pose = this.values(i, `${of}.x`, `${of}.y`, `${of}.psi`);
     return pose.every(Number.isFinite) ? pose : null;
@@ -51,7 +51,7 @@ export class Record {
     return [1.96 * sqrt(max(nx * nx * xx + 2 * nx * ny * xy + ny * ny * yy, 0)), nx, ny];
   }
 
-  /** Add R rows × F values. Time that goes back is a new drive. */
+  /** Add R rows × F values. An earlier time begins a new drive. */
   add(values, R) {
     if (!R) return;
     const F = this.fields.length, time = this.at.get("t");
@@ -93,7 +93,7 @@ export class Record {
 
 const MOST = 2000; // points of a trail
 
-/** The places of a record, thinned to steps that can be seen; each knows its row. */
+/** The places of a record at visible steps, each with its row. */
 class Trail {
   /** `of`: eta or truth; `corridor`: with the 95 % corridor. */
   constructor(record, { footprint }, of, corridor = false) {

@@ -1,4 +1,4 @@
-// A run, to be scrubbed, with the ghost of a second one beside it.
+// A run with a slider for its time, beside the ghost of a second run.
 
 import { area, axis, begin, clamp, dot, line } from "./canvas.js";
 import { choices, drag, el, empty, fill, form, head, keyed, put, row, show, write } from "./dom.js";
@@ -181,7 +181,7 @@ export class Replay {
   }
 }
 
-/** Marks pair times of two runs; between them time runs evenly. */
+/** Align the times of two runs by marks, linearly between them. */
 function aligned(s, mine, theirs) {
   const last = min(mine.length, theirs.length) - 1, k = min(mine.findLastIndex((one) => one <= s), last);
   if (k < 0) return theirs[0] + s - mine[0];

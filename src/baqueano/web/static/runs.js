@@ -40,8 +40,8 @@ export class Runs {
   }
 
   runs() {
-    const { page, chosen } = this, { runs } = page, wanted = this.filter.value.trim().toLowerCase(), openId = page.opened?.about.run.id;
-    const listed = runs.filter((one) => `${one.name} ${one.kind ?? ""}`.toLowerCase().includes(wanted)), n = listed.length;
+    const { page, chosen } = this, { runs } = page, filterText = this.filter.value.trim().toLowerCase(), openId = page.opened?.about.run.id;
+    const listed = runs.filter((one) => `${one.name} ${one.kind ?? ""}`.toLowerCase().includes(filterText)), n = listed.length;
     write(this.none, t(runs.length ? "runs.no-match" : "runs.none"));
     show(this.none, !n);
     this.first = clamp(this.first, 0, Math.max(n - 1, 0));

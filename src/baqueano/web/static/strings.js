@@ -1,15 +1,15 @@
-// The page's own texts in the visitor's language, and numbers as that language writes them.
+// The texts of the page, and its numbers, in the language of the visitor.
 
 const LANGUAGES = ["en", "es"];
 let texts = {};
 export let language = "en";
 
-function wanted() {
+function preference() {
   const lang = new URLSearchParams(location.search).get("lang") ?? localStorage.getItem("lang");
   return LANGUAGES.includes(lang) ? lang : navigator.languages.some((one) => one.startsWith("es")) ? "es" : "en";
 }
 
-export async function speak(chosen = wanted()) {
+export async function speak(chosen = preference()) {
   language = chosen;
   texts = await (await fetch(`/static/${chosen}.json`)).json();
   document.documentElement.lang = chosen;
@@ -17,13 +17,13 @@ export async function speak(chosen = wanted()) {
 
 export const otherLanguage = () => language === "en" ? "es" : "en";
 
-/** Return a text, its {names} filled in; the key itself where there is none, so that a test sees it. */
+/** Return a text with its {names} replaced; without a text return the key, so that a test detects it. */
 export const t = (key, values = {}) => (texts[key] ?? key).replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
 
 /** Return the text of `key.name`, or the name itself. */
 export const wordFor = (key, name) => texts[`${key}.${name}`] ?? name;
 
-/** Return a number, or an en dash for what is not known. */
+/** Return a number, or an en dash if it is not finite. */
 export function num(value, decimals = 1) {
   if (!Number.isFinite(value)) return "–";
   const plain = value.toFixed(decimals), digits = plain.replace("-", "");
@@ -43,7 +43,7 @@ export function length(metres) {
   return Math.abs(metres) < 0.995 ? [num(metres * 100), "cm"] : [num(metres, 2), "m"];
 }
 
-/** Return a time [s] with its unit, as m:ss,s where there is a minute. */
+/** Return a time [s] with its unit, as m:ss,s from one minute. */
 export function duration(seconds) {
   if (!(seconds >= 60)) return `${num(seconds)} s`;
   const minutes = Math.floor(seconds / 60);

@@ -1,4 +1,4 @@
-// Strips: a signal against time, one line a pixel column from its least to its greatest value.
+// Strips: a signal over time, with a line per pixel column from its least to its greatest value.
 
 import { area, axis, begin, follow, line, sharp, stroke } from "./canvas.js";
 import { el, write } from "./dom.js";
@@ -52,7 +52,7 @@ class Strip {
     let low = Infinity, high = -Infinity;
     for (const v of columns) for (let i = first; v && i < last; i++) { if (v[i] < low) low = v[i]; if (v[i] > high) high = v[i]; }
     if (std && last > first) {
-      const half = min(1.96 * std[last - 1], 3 * max(-low, high)); // of now: the first ones may be far wider
+      const half = min(1.96 * std[last - 1], 3 * max(-low, high)); // at present: the first values may be far wider
       if (half > 0) [low, high] = [min(low, -half), max(high, half)];
     }
     if (!(low <= high)) return;
@@ -73,7 +73,7 @@ class Strip {
   }
 }
 
-/** Make a path of the least and greatest value in each pixel column, as they came. */
+/** Make a path of the least and greatest value in each pixel column, in their order. */
 function trace(c, time, v, first, last, X, Y) {
   let pen = "moveTo", column = NaN, low = 0, high = 0, lowAt = 0, highAt = 0;
   const flush = () => {
@@ -96,7 +96,7 @@ function trace(c, time, v, first, last, X, Y) {
   if (column === column) flush();
 }
 
-/** Return the edges ± 1.96 σ about zero, in pieces where something was predicted. */
+/** Return the edges ± 1.96 σ about zero, in the parts with a prediction. */
 function band(time, std, first, last, X, Y, w) {
   const pieces = [], every = max(1, floor((last - first) / w));
   let upper = null, lower;
@@ -110,7 +110,7 @@ function band(time, std, first, last, X, Y, w) {
   return pieces;
 }
 
-/** Make strips from {lines: {column: kind}, band: the column of a standard deviation, ghost: as well of another run}. */
+/** Make strips from {lines: {column: kind}, band: the column of a standard deviation, ghost: also for another run}. */
 export const stripsOf = (record, specs) =>
   specs.map((one) => ({ ...one, lines: Object.entries(one.lines).filter(([name]) => record.has(name)) })).filter((one) => one.lines.length).map((one) => new Strip(record, one));
 

@@ -1,4 +1,4 @@
-// Gains of the controller: the cost of a lap over two of them, a lap at each move.
+// Gains of the controller: the cost of a lap over two gains, with a new lap after each change.
 
 import { axis, begin, box, clamp, colours, dot, fill as paint, label, line, ramp, stroke } from "./canvas.js";
 import { calm, drag, el, empty, fill, form, press, put, show, slide, write } from "./dom.js";
@@ -8,19 +8,19 @@ import { length, num, t, three, wordFor } from "./strings.js";
 
 const { abs, expm1, floor, max, round } = Math;
 const CURVE = 7; // of tune/search.py: g = low + (high − low) (e^{cx} − 1) / (e^c − 1)
-const SIDES = [10, 20]; // of the landscape: coarse at once, then fine
-const SETTLED_MS = 250, LAP_MS = 50; // between two laps: a browser may say 50 words a second
+const SIDES = [10, 20]; // of the landscape: first coarse, then fine
+const SETTLED_MS = 250, LAP_MS = 50; // between two laps: a browser may send 50 messages a second
 const FINE = 160, BANDS = 16; // pixels and steps of the landscape
 const gainOf = ({ low, high }, x) => low + ((high - low) * expm1(CURVE * x)) / expm1(CURVE);
 const placeOf = ({ low, high }, g) => clamp(Math.log1p(((g - low) / (high - low)) * expm1(CURVE)) / CURVE, 0, 1);
-const PRICE = { low: 0, high: 10, unit: "m²" }; // of jerks: no lap depends on it
+const PRICE = { low: 0, high: 10, unit: "m²" }; // of jerks: the laps do not depend on it
 
 export class Tune {
   static key = "tune";
 
   constructor(page) { Object.assign(this, { page, node: el("div.tune"), live: !page.recorded }); }
 
-  /** Ask about these gains; an answer that comes after others have been prepared is dropped. */
+  /** Request the laps with these gains; ignore an answer that arrives after a newer preparation. */
   #ask(what, more, then) {
     const { about, values } = this;
     this.page.ask(what, { route: about.route, gains: values, ...more }, (word) => { if (about === this.about) then(word); });
@@ -72,7 +72,7 @@ export class Tune {
 
   put() { [...this.values, this.price].forEach((value, k) => this.sliders[k].set(value)); }
 
-  /** A lap at once, and at rest a landscape, where a gain beside its axes has moved. */
+  /** Request a lap at once, and a landscape at rest if a gain outside its axes has changed. */
   moved(along) {
     this.put();
     this.buttons();
@@ -120,7 +120,7 @@ export class Tune {
     });
   }
 
-  /** The gains of the vehicle as it drives; null where they are of another controller. */
+  /** Return the present gains of the vehicle; null if they belong to another controller. */
   get force() {
     const all = this.page.hello.vehicle.gains ?? {}, own = this.gains.map(({ name }) => all[`controller.${name}`]);
     return this.live && own.every(Number.isFinite) ? own : null;
@@ -133,7 +133,7 @@ export class Tune {
   buttons() {
     if (!this.about || !this.live) return;
     const { force, page, about: { file }, do: { apply, undo, save } } = this, same = force?.every((x, k) => abs(x - this.values[k]) <= 1e-6 * abs(x));
-    const drives = page.hand?.mine && page.moves && page.state.t_s !== 0 && force; // at 0 it is still prepared
+    const drives = page.hand?.mine && page.moves && page.state.t_s !== 0 && force; // 0 during the preparation
     apply.disabled = !drives || same;
     undo.disabled = !drives || !this.undos.length;
     save.disabled = !page.drives || !file;
@@ -196,12 +196,12 @@ export class Tune {
     point(this.values, t(apart || !this.file ? "tune.now" : "tune.of-file"), apart ? "sim" : "ghost");
   }
 
-  /** Paint bands of the logarithm of the cost, the least deepest. */
+  /** Paint bands of the logarithm of the cost; the smallest cost is the darkest. */
   #paint() {
     if (!this.land) return;
     this.theme = colours.card;
     const { costs, side } = this.land, z = costs.map(([path, jerk]) => (path === null || jerk === null ? NaN : Math.log(path + this.price * jerk)));
-    const known = z.filter(Number.isFinite).sort((a, b) => a - b), low = known[0], high = known[floor(0.95 * (known.length - 1))];
+    const finite = z.filter(Number.isFinite).sort((a, b) => a - b), low = finite[0], high = finite[floor(0.95 * (finite.length - 1))];
     const shades = ramp(colours.depth.split(" "), BANDS + 1).map((one) => [...one, 255]), image = new ImageData(FINE, FINE);
     const at = (k) => (z[k] < high ? z[k] : high), mix = (a, b, part) => a + part * (b - a);
     const places = Array.from({ length: FINE }, (_, p) => { const u = (p / (FINE - 1)) * (side - 1), i = Math.min(floor(u), side - 2); return [i, u - i]; });
@@ -219,7 +219,7 @@ export class Tune {
   }
 }
 
-/** Small gains have as much room as large ones; a mark shows the file's. */
+/** Give small gains as much room as large ones; a mark shows the value of the file. */
 function slider(one, file, onmove) {
   const { name, meaning, unit } = one, parts = form("gain"), { node, track, input, mark, value } = parts;
   put(parts, { name, meaning, unit });

@@ -1,4 +1,4 @@
-// A scene of the demo: how the cost of a lap fell, and the gains before and after.
+// A scene of the demo: the decrease of the cost of a lap, and the gains before and after.
 
 import { axis, begin, dot, line } from "./canvas.js";
 import { calm, el, form, row, write } from "./dom.js";
@@ -23,7 +23,7 @@ export class Tuned {
     const [c, w, h] = begin(this.curve), { history, start } = this, n = history.length;
     if (!c) return;
     const shown = calm() ? n : Math.max(Math.min(Math.round(((now_ms - this.from) / FALLS_MS) * n), n), 1);
-    const known = [...history, start].filter((x) => x > 0).map(Math.log), low = Math.min(...known), high = Math.max(...known);
+    const logs = [...history, start].filter((x) => x > 0).map(Math.log), low = Math.min(...logs), high = Math.max(...logs);
     const X = axis(0, Math.max(n - 1, 1), 10, w - 10), level = axis(high, high > low ? low : high - 1, 14, h - 20), Y = (x) => level(Math.log(x));
     if (start > 0) line(c, [[0, Y(start)], [w, Y(start)]], "ghost", 1.4, [5, 4]);
     line(c, history.slice(0, shown).flatMap((x, k) => [[X(k), Y(history[Math.max(k - 1, 0)])], [X(k), Y(x)]]), "model", 2.4);
