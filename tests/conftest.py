@@ -76,7 +76,7 @@ POSIX = (
     "robot/service",
     "robot/imu",
     "cli/test_robot_from_afar.py",
-    "cli/test_robot_that_lies.py",
+    "cli/test_hostile_robot.py",
 )
 
 REAL_TIME = {  # sockets, processes, firmware and browsers whose time is that of the wall

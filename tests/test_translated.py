@@ -27,7 +27,7 @@ CODE = re.compile(  # lines to type, code, words of NumPy
 OTHER_TEXT = {  # with text that users read elsewhere, or never
     "cli/subcommands.py", "cli/blocks.py", "cli/modelling/runs.py", "cli/robot/settings.py",  # constants: help
     "drive/tasks.py", "study/paper/case_study.py", "web/lab/identification.py",  # names of files, and units
-    "identify/data/added_channels.py", "runs/importing/sources.py", "study/faults/judged.py",  # in the catalogue
+    "identify/data/added_channels.py", "runs/importing/sources.py",  # in the catalogue
     "parameter.py",  # docstrings
     "robot/setup/card.py", "robot/setup/install.py", "robot/setup/steps.py",  # of a robot
     "runs/container/messages.py", "runs/export.py",  # schemas of topics, heads of files

@@ -182,6 +182,7 @@ def test_two_drives_stand_side_by_side(columns):
         ]
         lines = compare(drives).table().splitlines()
     assert lines[0].split() == ["0004-repeat", "0005-repeat"]
+    assert sum(line.startswith("0004-repeat, 0005-repeat: ") for line in lines) == 1  # the advice
     assert max(map(len, lines)) <= 80
 
 
@@ -214,6 +215,16 @@ def test_an_estimator_that_raised_is_not_called_diverged():
     assert text(comparison.runs[0].failure) in sentence
     assert comparison.runs[0].failure.fix == "baqueano blocks check /lab/my.py:Mine"
     assert "diverged" not in sentence
+
+
+def test_an_estimator_that_raised_during_the_rest_is_called_failed():
+    cause = fault(StopReason.BLOCK_RAISED, role="estimator", kind="/lab/my.py:Mine", block="", error="no")
+    run = run_with(events=(Event(10_000_000, "error", "loop", "", cause),), metadata={"rest_s": "2"})
+    lost_log = run.estimate._replace(eta=run.estimate.eta * np.nan, cov=run.estimate.cov * np.nan)
+    comparison = compare(run_with(estimate=lost_log, events=run.events, metadata=run.metadata))
+    assert (comparison.runs[0].verdict, comparison.verdict) == ("failed", "INCONSISTENT")
+    assert comparison.runs[0].failure.figures["t_s"] == 0.0
+    assert not any(line.rstrip().endswith(":") for line in repr(comparison).splitlines())
 
 
 def test_a_diverged_estimate_is_judged_until_its_divergence():

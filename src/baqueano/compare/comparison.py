@@ -106,7 +106,8 @@ class RunComparison:
         )  # fmt: skip
         shown_errors = errors if has_drive else errors[2:3]
         sentences = [text(note(code, cm=100.0 * m)) for code, m in shown_errors if np.isfinite(m)]
-        return f"{self.name}, {number(self.duration_s):.1f} s: {', '.join(sentences)}"
+        head = f"{self.name}, {number(self.duration_s):.1f} s"
+        return ": ".join(filter(None, [head, ", ".join(sentences)]))
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -241,6 +242,9 @@ class Comparison(Result):
         return [f"{run.name}: {sentence}" for run in self.runs for sentence in run.sentences]
 
     def _advice(self) -> list[str]:
-        """Return advice for each kind of inconsistent covariance that occurred."""
-        verdicts = dict.fromkeys(run.verdict for run in self.runs)
-        return [text(note(ADVICE_CODES[verdict])) for verdict in verdicts if verdict in ADVICE_CODES]
+        """Return advice for each kind of inconsistent covariance, after the names of its runs if there are several."""
+        names = {v: [run.name for run in self.runs if run.verdict == v] for v in ADVICE_CODES}
+        heads = {
+            v: f"{', '.join(of_verdict)}: " if len(self.runs) > 1 else "" for v, of_verdict in names.items()
+        }
+        return [heads[v] + text(note(code)) for v, code in ADVICE_CODES.items() if names[v]]

@@ -53,14 +53,16 @@ def divergence_s(run: Run) -> float:
     return float(t_s[np.argmax(is_lost)]) if is_lost.any() else float("nan")
 
 
-def estimator_failure(run: Run) -> Diagnostic | None:
-    """Return the error that ended the estimator of a run, its place, and the command that tests it; None without
-    one."""
+def estimator_failure(run: Run, start_ns: int) -> Diagnostic | None:
+    """Return the error that ended the estimator of a run, its time after `start_ns`, and the command that tests the
+    estimator; None without an error."""
     for event in run.events:
         cause = event.diagnostic
         if cause is not None and cause.code in FAULTS and cause.figures.get("role") == "estimator":
             fix = baqueano_command("blocks", "check", str(cause.figures["kind"]))
-            t_s = float(seconds(event.t_ns, run.start_ns))
+            t_s = max(
+                0.0, float(seconds(event.t_ns, start_ns))
+            )  # an error in the rest ends the drive at its start
             return note("compare.estimator-failed", fix=fix, t_s=t_s, cause=cause)
     return None
 

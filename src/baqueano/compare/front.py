@@ -16,6 +16,7 @@ from baqueano.compare.filter_consistency import filter_consistency
 from baqueano.compare.laps import run_laps
 from baqueano.contracts.calls import checked_call, flatten_arguments
 from baqueano.contracts.result import Result, Result as Fit
+from baqueano.diagnostics import Diagnostic
 from baqueano.errors import Misuse, UsageError, error_cause
 from baqueano.monitor import rejections_in
 from baqueano.on_demand import registered_function
@@ -121,10 +122,11 @@ def _compare_runs(
         raise UsageError.of("compare.times", interval_s=interval_s, skip_s=skip_s)
     errors.align_trajectory(np.zeros((0, 3)), np.zeros((0, 3)), alignment)
     cut_runs = [run.cut(skip_s) if skip_s else run for run in (r.without_rest for r in run_list)]
+    failures = [estimator_failure(run, cut.start_ns) for run, cut in zip(run_list, cut_runs, strict=True)]
     return Comparison(
         tuple(
-            _run_comparison(run, name, cut_runs[0], alignment, interval_s)
-            for run, name in zip(cut_runs, labels, strict=True)
+            _run_comparison(run, name, cut_runs[0], alignment, interval_s, failure)
+            for run, name, failure in zip(cut_runs, labels, failures, strict=True)
         ),
         alignment,
         interval_s,
@@ -132,8 +134,9 @@ def _compare_runs(
     )
 
 
-def _run_comparison(run: Run, name: str, first: Run, alignment: str, interval_s: float) -> RunComparison:
-    failure = estimator_failure(run)
+def _run_comparison(
+    run: Run, name: str, first: Run, alignment: str, interval_s: float, failure: Diagnostic | None
+) -> RunComparison:
     end_s, run = float("nan") if failure else divergence_s(run), cut_at_divergence(run)
     figures = dict.fromkeys(
         ("ate_m", "ate_heading_rad", "rpe_m", "rpe_heading_rad", "speed_error_m_s", "yaw_rate_error_rad_s",
