@@ -105,7 +105,13 @@ def test_the_decimal_comma_of_a_room_gets_one_advice(baqueano):
     assert end.ending.next is None
 
 
-@pytest.mark.parametrize("line", ["repeat lap --laps 1,5", "experiment --duration 60,5", "sweep --seeds 2,5"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "repeat lap --laps 1,5", "experiment --duration 60,5", "sweep --seeds 2,5", "repeat lap --from 0,5",
+        "route check lap --room 2x2 --start 0,5", "identify 1 --tolerance sensors.imu.gyro_scale=0,01",
+    ],
+)  # fmt: skip
 def test_a_decimal_point_is_not_advised_where_it_does_not_help(baqueano, line):
     ending = baqueano(*line.split()).ending
     assert (ending.next or ending.reason).code != "next.decimal-comma"

@@ -29,7 +29,10 @@ GROUPS = (["runs"], ["route"], ["study"], ["blocks"], ["robot"])
 MIN_SIMILARITY = 0.75  # share of characters that two similar file names have in common
 DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 BARE_LIST = re.compile(r"=([-+\d.e]+(?:,[-+\d.e]+){2,})$")  # KEY=1,2,3
-COMMA_INDEPENDENT = ("cli.no-such-option", "cli.whole-number", "room.unreadable")
+COMMA_INDEPENDENT = (
+    "cli.no-such-option", "cli.whole-number", "cli.pose-unreadable", "cli.start-unreadable", "cli.tolerance-car",
+    "cli.tolerance-unused", "room.unreadable",
+)  # fmt: skip
 ALLOWABLE_CODES = ("block.outside-folder", "block.in-run")
 UNWRITTEN_CODES = ("vehicle.changed-since", "vehicle.not-written", "runs.not-written")  # of a right command
 NAMES_CODES = ("name.near", "name.near-only", "name.unknown", "name.unknown-only")

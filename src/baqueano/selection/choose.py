@@ -122,7 +122,7 @@ def choose(
     terms = [t for t in terms if {path.partition("[")[0] for path in t.paths}.isdisjoint(options.fixed)]
     final_selection = _ModelSelection(setup, core_file, base, minimal, terms, report)
     model, results = final_selection.add_significant_terms()
-    report(_("fitting the model that was chosen"))
+    report(_("fitting the selected model"))
     return Choice(tuple(results), final_selection.fit_model(model, core_file), final_selection.rule)
 
 

@@ -72,7 +72,7 @@ def status_lines(s: Status, columns: int = 80) -> list[str]:
         ),
         *(
             f"   {s.names[k]:6} {_duty_bar(s.motor_command[k])} {number(float(s.motor_command[k])):+5.2f}   "
-            + _("wanted {expected:+5.2f}", expected=float(s.driver_command[k]))
+            + _("driver {expected:+5.2f}", expected=float(s.driver_command[k]))
             + (f"   {_hold_text(s.hold_command)}" if k == len(s.limit) - 1 else "")
             for k in active_axes
         ),

@@ -67,15 +67,15 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.stopped": "The vehicle was stopped: {cause}. The recording up to the stop is in {path}. To see it: {fix}",
     "cli.route-stored": "route: {path}\nnext: {check}\nthen: {repeat}",
-    "cli.route-stored-refused": "route: {path}, which cannot be driven as it is",
+    "cli.route-stored-refused": "route: {path}, which the vehicle cannot drive in its present form",
     "cli.two-tolerances": "--rms and --max are two tolerances: give only one.",
     "cli.start-without-room": "--start is a place in a room: give the room too, for example --room 2x3.",
     "cli.pose-unreadable": (
-        'from "{value}": expected x, y and a heading in metres and degrees, relative to the start of the '
+        '--from "{value}": expected x, y and a heading in metres and degrees, relative to the start of the '
         "route, such as -0.5,0.2,30."
     ),
     "cli.start-unreadable": (
-        'start "{value}": expected x, y and a heading in metres and degrees, relative to the middle of the '
+        '--start "{value}": expected x, y and a heading in metres and degrees, relative to the middle of the '
         "room, such as 0.5,-0.2,90."
     ),
     "cli.points-absent": "{path} does not exist. Give a CSV file with the columns x_m and y_m, or the name of a run.",

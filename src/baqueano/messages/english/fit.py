@@ -3,7 +3,7 @@
 FIXED_AT_TEXT = "the parameter is fixed at {value:.4g}"
 
 TEMPLATES: dict[str, str] = {
-    "verdict.refused": "the vehicle file stays as it is",
+    "verdict.refused": "the vehicle file is not changed",
     "verdict.warn": "usable with these warnings",
     "verdict.more": "and {count} more: {type[--report fit.html]} shows all, with figures",
     "verdict.more-in-report": "and {count} more: the report shows all, with figures",

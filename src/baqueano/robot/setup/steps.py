@@ -68,7 +68,7 @@ def clock_step(pi: Pi, now_s: float | None) -> Step:
     If `now_s` is None, the clock is not changed.
     """
     return Step(
-        _("clock: the laptop's time") if now_s is not None else _("clock: as it is"),
+        _("clock: the laptop's time") if now_s is not None else _("clock: unchanged"),
         lambda: now_s is None or abs(time.time() - now_s) < MAX_CLOCK_ERROR_S,
         lambda: pi.run("date", "-s", f"@{now_s:.0f}"),
     )

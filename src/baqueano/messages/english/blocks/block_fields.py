@@ -94,7 +94,7 @@ TEMPLATES: dict[str, str] = {
         "{model} has {commands} commands ({names}), but its drivetrain has {rows}: give "
         "Drivetrain(commands={commands})."
     ),
-    "replay.empty": "{run} is empty: it does not have a tick to replay.",
+    "replay.empty": "{run} is empty: it contains 0 ticks.",
     "robot.mixing": (
         '[model.drivetrain] mixing = "{mixing}": the firmware drives a left and a right wheel. Write: mixing = '
         '"two_wheels"'
