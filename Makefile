@@ -8,11 +8,11 @@ BIN := $(VENV)/bin
 endif
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 
-# By whole files, and in the order of tests/conftest.py. Three processes on two cores: many tests wait for a clock.
+# Distribute whole files, in the order of tests/conftest.py. Three processes on two cores: many tests wait for a clock.
 PROCESSES := -n 3 --dist loadfile --no-loadscope-reorder
 
-# What the tests of the real vehicle run on: the compiler and an emulator of its microcontroller, emulated devices; and
-# the browser in which the page is tested.
+# For the tests of the real vehicle: a compiler and an emulator of its microcontroller, and emulated devices. For the
+# tests of the page: a browser.
 DEBIAN := gcc gcc-avr binutils-avr avr-libc libsimavr-dev libelf-dev avrdude arduino-core-avr umockdev \
           gir1.2-umockdev-1.0 libumockdev-dev python3-gi i2c-tools chromium
 AARCH64 := qemu-user-static mmdebstrap gcc-aarch64-linux-gnu libc6-dev-arm64-cross
@@ -25,47 +25,47 @@ demo: $(VENV)/run.stamp
 test: $(VENV)/test.stamp debian browser-tools
 	$(BIN)/python -m pytest $(PROCESSES)
 
-# With the studies, tutorials and benchmarks that `make test` skips by name: a third more.
+# Also run the studies, tutorials and benchmarks that `make test` skips by name; this takes a third longer.
 test-all: $(VENV)/test.stamp debian browser-tools
 	BAQUEANO_LONG=1 $(BIN)/python -m pytest $(PROCESSES)
 
-# The quick tests of blocks, runs and engine, in about a minute on two cores; tests/conftest.py says what is slow.
+# Run the quick tests of blocks, runs and engine, in about a minute on two cores; tests/conftest.py lists the slow ones.
 test-fast: $(VENV)/test.stamp
 	$(BIN)/python -m pytest $(PROCESSES) -m "not slow"
 
-# What the tests of the page take from npm, each by a lock with hashes: the public client of Foxglove's protocol and the
-# rules of axe-core. Where there is no npm those tests are skipped by name; in CI they fail.
+# Install the npm packages of the tests of the page, by a lock with hashes: the public client of Foxglove's protocol and
+# the rules of axe-core. Without npm those tests are skipped by name; in CI they fail.
 browser-tools:
 	@if command -v npm >/dev/null; then for one in foxglove axe; do \
 	  npm ci --silent --ignore-scripts --no-audit --no-fund --prefix tests/web/$$one || [ -z "$$CI" ] || exit 1; done; fi
 
-# The site of docs/ in two languages, build/site/index.html: it is read from the disk, without a network.
+# Build the site of docs/ in two languages, build/site/index.html, which is read without a network.
 docs: $(VENV)/test.stamp
 	$(BIN)/python -m docs.site
 
-# 20,000 damaged inputs of each format that comes from others; `make test` takes as many as come in 20 s, CI all.
+# Read 20,000 damaged inputs of each external format; `make test` reads them for 20 s, and CI reads all.
 fuzz: $(VENV)/test.stamp
 	BAQUEANO_FUZZ=20000 $(BIN)/python -m pytest -s $(PROCESSES) tests/fuzz/test_fuzz.py
 
-# What the package promises, and which tests keep it.
+# List the promises of the package, and the tests of each.
 promises: $(VENV)/test.stamp debian
 	BAQUEANO_LONG=1 $(BIN)/python -m tests.promises $(PROCESSES)
 
-# The pages on the keys of a vehicle file, to be read as a diff.
+# Write the pages on the keys of a vehicle file, and show the diff.
 golden: $(VENV)/test.stamp
 	REGENERATE=1 $(BIN)/python -m pytest -q tests/test_docs.py -k reference_of_the_vehicle_file
 	git diff --stat docs
 
-# The sentences of all messages in English and in each other language, to be read as a diff; it lists those to translate.
+# Write the catalogues of all sentences, and list those that need a translation.
 catalogues: $(VENV)/test.stamp
 	$(BIN)/python -m tests.catalogues
 
-# As in CI: a missing emulator fails, it does not skip.
+# As in CI, a missing emulator is a failure, not a skip.
 test-emulated: $(VENV)/test.stamp debian
 	CI=1 $(BIN)/python -m pytest $(PROCESSES) tests/emulated
 
-# The service on the instruction set of a Pi 3, under qemu. It takes 170 MB of downloads and 0.75 GB of disk, once, so it
-# is no part of the tests of CI.
+# Test the service on the instruction set of a Pi 3, under qemu. It needs 170 MB of downloads and 0.75 GB of disk,
+# so CI does not run it.
 aarch64: $(VENV)/test.stamp debian
 	@dpkg -s $(AARCH64) >/dev/null 2>&1 || { echo "First: sudo apt-get install --no-install-recommends $(AARCH64)"; exit 2; }
 	$(BIN)/python -m tests.emulated.aarch64
@@ -76,7 +76,7 @@ firmware: $(VENV)/run.stamp
 	$(MAKE) -C firmware/uno
 	cp build/firmware/uno.hex src/baqueano/robot/files/uno.hex
 
-# Installs as root, and in CI with sudo; elsewhere it says what to type, and those tests are skipped by name.
+# Install as root, and in CI with sudo; elsewhere print the command to type, and those tests are skipped by name.
 debian:
 	@dpkg -s $(DEBIAN) >/dev/null 2>&1 && exit 0; \
 	if ! command -v apt-get >/dev/null; then echo "No apt-get here: tests that need an emulated robot are skipped."; exit 0; fi; \

@@ -96,7 +96,7 @@ COMPILERS = () if os.name == "nt" or os.environ.get("BAQUEANO_CC") else ("cc", "
 QUICK = "-fno-schedule-insns --param=ira-max-conflict-table-size=0 -DCALLED -Wno-psabi"
 COMPILER = next(filter(None, map(shutil.which, COMPILERS)), "")
 
-os.environ["BAQUEANO_LANG"] = "en"  # whatever the locale of this machine
+os.environ["BAQUEANO_LANG"] = "en"  # with any locale of this machine
 # of the processes of a run: threads of one would wait for those of another
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 # tests start many programs: each would compile the package again

@@ -260,6 +260,21 @@ def test_no_option_and_no_role_of_a_parameter_is_a_verb_of_saying_or_an_adverb()
     assert not names, f"name what it gives: {sorted(names)}"
 
 
+def test_comments_of_shipped_files_are_in_plain_language():
+    """The files of the garage, of `new`, of the maps, of the examples, and of the robot."""
+    files = [path for folder in (SOURCE, DOCS / "examples") for path in folder.rglob("*.toml")]
+    files += [
+        path
+        for path in (SOURCE / "robot" / "files").glob("*")
+        if path.suffix in (".service", ".sh", ".rules")
+    ]
+    for path in files:
+        comments = re.findall(r"(?:^|\s)# ?(.+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+        old = [comment for comment in comments if OLD.search(comment) or SAYING.search(comment)]
+        assert not old, f"{path.name}: use a term of the field: {old}"
+    assert len(files) > 15
+
+
 def test_no_name_or_comment_in_c_or_javascript_contains_a_verb_of_saying():
     paths = [
         path

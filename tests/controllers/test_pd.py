@@ -30,7 +30,7 @@ def test_a_reference_one_metre_ahead_gives_the_command_alpha():
 
 
 def test_the_error_is_rotated_into_the_vehicle_frame():
-    # ψ = 90°: the map's x is the body's −y, so e = (0, −1, 0) and the paper's PD asks for nothing
+    # ψ = 90°: the map's x is the body's −y, so e = (0, −1, 0) and the command of the paper's PD is 0
     _, command = PD.step(PD.init(), reference(1.0, 0.0, np.pi / 2), estimate(0.0, 0.0, np.pi / 2))
     np.testing.assert_allclose(command.u, [0.0, 0.0, 0.0], atol=1e-15)
 

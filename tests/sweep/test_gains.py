@@ -294,4 +294,4 @@ def test_a_wrong_file_of_a_pattern_is_named_and_the_others_are_compared(students
     assert "mal/my.py:Mine" in err
     assert "1 of 3 files" in err
     with pytest.raises(SystemExit, match="3"):
-        main([*line, "--controller", "mal/my.py:Mine"])  # the name of a file, not a pattern, asks for it
+        main([*line, "--controller", "mal/my.py:Mine"])  # a name of a file, not a pattern

@@ -18,7 +18,7 @@ WIRE_KB = 49  # of all scripts, as a browser gets them
 LITERAL = re.compile(r'"([a-z][\w-]*(?:\.[\w-]+)*)"')
 MADE = re.compile(r"`([a-z][\w-]*\.(?:[\w]+-)?)\$\{")  # t(`state.${name}`)
 CALL_KEY = re.compile(r'\bt\("([^"]+)"')
-WORD_FOR = re.compile(r'\bwordFor\("(\w+)"')  # wordFor("kind", name) asks for kind.…
+WORD_FOR = re.compile(r'\bwordFor\("(\w+)"')  # wordFor("kind", name) needs kind.…
 TEXT_KEY = re.compile(r' data-(?:t|label|title)="([^"]+)"')  # of an element of the document
 
 

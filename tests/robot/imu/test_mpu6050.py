@@ -74,7 +74,7 @@ def test_the_measured_delay_equals_the_delay_stated_by_the_driver(bench, number,
     samples = loop(b, device, 3.0)[-200:]
     late_accel = np.mean([(s.t_ns - start_ns) * 1e-9 - s.accel[0] for s in samples])
     late_gyro = np.mean([(s.t_ns - start_ns) * 1e-9 - s.gyro[2] for s in samples])
-    # 0.2 ms of stamps while the clock is learned, 0.1 ms because the count is held before the answer has come
+    # 0.2 ms during the fit of the clock, 0.1 ms because the chip latches the count before its answer
     assert (late_accel, late_gyro) == pytest.approx(device.delay_s, abs=3e-4)
 
 

@@ -163,7 +163,7 @@ def test_damaged_setup_notes_are_reported_with_a_remedy(programs, pi, wheels, ca
         assert "sudo mv" in errors
         assert "Traceback" not in errors
     record = pi / "etc/baqueano/setup.json"
-    record.rename(record.with_suffix(".json.damaged"))  # as the remedy says
+    record.rename(record.with_suffix(".json.damaged"))  # as the remedy advises
     setup("r1", wheels, PI, root=str(pi))
     remove("r1", PI, root=str(pi))
     assert not record.exists()

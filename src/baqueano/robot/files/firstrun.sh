@@ -1,6 +1,6 @@
 #!/bin/bash
-# Once, as root, at the first start of a Raspberry Pi: name, user, key, network. Its log stays beside it, where a card
-# reader finds it; the file itself, which holds a password, does not. R is the root of the machine: "" but in a test.
+# Set name, user, key and network as root, once, at the first start of a Raspberry Pi. The log stays on the card. This
+# file contains a password, so it removes itself. R is the root of the machine: "", except in a test.
 R=${R:-}
 B=$R/boot/firmware
 [ -d "$B" ] || B=$R/boot
@@ -12,7 +12,7 @@ grep -q '^127.0.1.1' "$R/etc/hosts" || echo 127.0.1.1 >>"$R/etc/hosts"
 sed -i 's/^127\.0\.1\.1.*/127.0.1.1\t'@name@'/' "$R/etc/hosts"
 hostname @name@
 
-if [ -x "$R/usr/lib/userconf-pi/userconf" ]; then # gives the image's first user this name, and ends its questions
+if [ -x "$R/usr/lib/userconf-pi/userconf" ]; then # names the first user of the image, and ends its dialog
   "$R/usr/lib/userconf-pi/userconf" @user@ '*'
 fi
 id -u @user@ || useradd --create-home --shell /bin/bash --groups sudo,dialout,i2c,gpio,input @user@
