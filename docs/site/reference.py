@@ -57,7 +57,7 @@ COURSE = (
     "baqueano.contracts.blocks",
     "baqueano.compare",
     "baqueano.report",
-)  # for a block of one's own, and for what a notebook shows of its results
+)  # for a block of the user, and for what a notebook shows of its results
 TITLE = "Reference of the Python names"
 INTRODUCTION = (
     "These pages are generated from the code. `help(bq.repeat)` shows the same text. Pages for a course exist in "

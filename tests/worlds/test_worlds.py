@@ -161,7 +161,7 @@ WRONG_TICKS = {
 
 
 @pytest.mark.parametrize("code", WRONG_TICKS)
-def test_an_error_in_the_ticks_of_a_world_of_ones_own_names_the_world(code):
+def test_an_error_in_the_ticks_of_a_user_world_names_the_world(code):
     class Mine(SimulatedWorld):
         def read(self, t_ns):
             return WRONG_TICKS[code](super().read(t_ns)[-1])
