@@ -211,7 +211,7 @@ def test_source_files_state_encodings_and_import_no_posix_module():
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
             posix = {name.split(".")[0] for name in names} & {*MISSING, "pty", "tty", "syslog"}
-            assert not posix or "robot" in path.parts or "by_hand" in path.parts, f"{path}: {posix}"
+            assert not posix or "robot" in path.parts or "manual" in path.parts, f"{path}: {posix}"
         for node in ast.walk(tree):
             if isinstance(node, ast.Call) and reads_text(node):
                 assert "encoding" in {key.arg for key in node.keywords}, f"{path} line {node.lineno}"

@@ -4,7 +4,7 @@ import unicodedata
 
 from hypothesis import given, strategies as st
 
-from baqueano.drive.by_hand import screen
+from baqueano.drive.manual import screen
 from baqueano.messages.printable import join_rows, one_line, printable, printable_json
 
 DANGEROUS = "\x1b\x07\r\b\x7f\x9b\x85\u200e\u202e\u2066\u2028\u2029\ufeff\ud800\x00"

@@ -16,8 +16,8 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason, note
 from baqueano.drive import teach
-from baqueano.drive.by_hand.terminal_heartbeat import MAX_FIRST_ANSWER_S, MAX_SILENCE_S
 from baqueano.drive.closure import closure, lap_closure
+from baqueano.drive.manual.terminal_heartbeat import MAX_FIRST_ANSWER_S, MAX_SILENCE_S
 from baqueano.drive.session import drive_stop_reason, mark_times_ns
 from baqueano.errors import AnswerNo
 from baqueano.guides.shapes import circle, eight
@@ -33,7 +33,7 @@ pty = pytest.importorskip("pty", reason="a terminal of Unix")
 
 CHILD = (  # the slave becomes the controlling terminal, as with ssh
     "import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n"
-    "from baqueano.drive.by_hand import cockpit, terminal_heartbeat\n"
+    "from baqueano.drive.manual import cockpit, terminal_heartbeat\n"
     "terminal_heartbeat.GONE_S = cockpit.MAX_FIRST_ANSWER_S = float(sys.argv.pop(1))\n"
     "from baqueano.cli import main; main(sys.argv[1:])"
 )
@@ -221,12 +221,12 @@ def test_driving_without_a_terminal_is_refused_with_advice(baqueano):
 def test_driving_the_emulated_vehicle_by_keys_is_refused(baqueano):
     end = baqueano("drive", "--vehicle", "small", "--robot", "emulated")
     assert end.code == 2
-    assert end.reason.code == "cli.emulated-by-hand"
+    assert end.reason.code == "cli.emulated-manual"
 
 
 def test_the_scale_from_marks_is_reported_and_written_to_the_file(baqueano, monkeypatch):
     run = drive_of_turns(vehicle_file.load("small"), [4.0 * np.pi])
-    monkeypatch.setattr("baqueano.cli.driving.drive.drive_by_hand", lambda *args, **options: run)
+    monkeypatch.setattr("baqueano.cli.driving.drive.drive_manually", lambda *args, **options: run)
     end = baqueano("drive", "--vehicle", "small", "--json")
     assert "type: --set sensors.imu.gyro_scale=0.9" in end.err
     (row,) = end.reply["rows"]
@@ -240,7 +240,7 @@ def test_the_scale_from_marks_is_reported_and_written_to_the_file(baqueano, monk
 def test_a_drive_without_marks_explains_the_purpose_of_marks(baqueano, monkeypatch):
     run = drive_of_turns(vehicle_file.load("small"), [4.0 * np.pi])
     monkeypatch.setattr(
-        "baqueano.cli.driving.drive.drive_by_hand",
+        "baqueano.cli.driving.drive.drive_manually",
         lambda *args, **options: replace(run, events=run.events[-1:]),
     )
     assert text(note("cli.marks-too-few")) in baqueano("drive", "--vehicle", "small").err
@@ -249,7 +249,7 @@ def test_a_drive_without_marks_explains_the_purpose_of_marks(baqueano, monkeypat
 def test_a_program_such_as_tmux_that_hides_the_terminal_is_named(monkeypatch, baqueano, capsys):
     monkeypatch.setenv("SSH_CONNECTION", "1.2.3.4 5 6.7.8.9 22")
     monkeypatch.setattr(
-        "baqueano.drive.by_hand.tty._ancestor_programs",
+        "baqueano.drive.manual.tty._ancestor_programs",
         lambda: ["python3", "bash", "tmux: server", "systemd"],
     )
     end = baqueano("drive", "--vehicle", "small")
@@ -288,11 +288,11 @@ def save_identified_robot(folder):
 def test_a_taught_eight_writes_the_gyro_scale_into_the_vehicle_file(baqueano, tmp_path, monkeypatch):
     save_identified_robot(tmp_path)
 
-    def drive_by_hand(verb, file, drive, path, **_options):
+    def drive_manually(verb, file, drive, path, **_options):
         true_file = file.with_values({"sensors.imu.gyro_scale": GYRO})  # this driver returns to the start
         return teach(true_file, eight(0.6, 0.4), seed=drive.seed, backend=drive.backend, path=path).run
 
-    monkeypatch.setattr("baqueano.cli.driving.teach.drive_by_hand", drive_by_hand)
+    monkeypatch.setattr("baqueano.cli.driving.teach.drive_manually", drive_manually)
     end = baqueano("teach", "lab", "--driver", "keys", "--closed", "--update")
     assert end.code == 0
     assert "closed" in end.out
@@ -319,17 +319,17 @@ def test_a_lap_that_stops_before_its_start_does_not_change_the_vehicle_file(baqu
         raise refusal.value
 
     monkeypatch.setattr("baqueano.drive.closure.lap_closure", closure_of)
-    monkeypatch.setattr("baqueano.cli.driving.teach.drive_by_hand", lambda *args, **options: lap)
+    monkeypatch.setattr("baqueano.cli.driving.teach.drive_manually", lambda *args, **options: lap)
     end = baqueano("teach", "lab", "--driver", "keys", "--closed", "--update")
     assert refusals[0].diagnostic.fix in end.err
     assert path.read_bytes() == text
 
 
 def test_an_unidentified_vehicle_needs_marks_for_its_gyro_scale(baqueano, monkeypatch):
-    def drive_by_hand(verb, file, drive, path, **_options):
+    def drive_manually(verb, file, drive, path, **_options):
         return teach(file, circle(0.3, 0.25), path=path).run
 
-    monkeypatch.setattr("baqueano.cli.driving.teach.drive_by_hand", drive_by_hand)
+    monkeypatch.setattr("baqueano.cli.driving.teach.drive_manually", drive_manually)
     end = baqueano("teach", "lab", "--driver", "keys", "--closed", "--vehicle", "small")
     assert end.code == 0
     assert "press m" in end.err + end.out

@@ -109,7 +109,7 @@ def test_the_simulated_service_teaches_repeats_and_sends_each_tick(child, folder
     assert {m["laps"] for m in states} == {2}
 
 
-def test_a_drive_by_hand_records_a_route(child, folder):
+def test_a_manual_drive_records_a_route(child, folder):
     child.send(type="pace", factor=4.0)
     turns = {"type": "hand", "u": [0.6, 0.0, 0.1]}
     child.send(type="mission", door=VERSION, id="one", kind="teach", name="by-hand", hold=False)
@@ -357,13 +357,13 @@ def test_an_invalid_fault_is_refused(child, word, code):
     assert (message.get("diagnostic") or message["reason"])["code"] == code
 
 
-def test_a_drive_by_hand_is_not_repeated_without_faults(child):
+def test_a_manual_drive_is_not_repeated_without_faults(child):
     child.send(type="mission", door=VERSION, id="one", kind="drive")
     child.until(
         lambda m: m["type"] == "state" and (m["t_s"] or 0.0) > 0.1, {"type": "hand", "u": [0.3, 0.0, 0.0]}
     )
     child.send(type="again")
     message = child.until(lambda m: m["type"] == "refused", {"type": "beat"})[-1]
-    assert message["diagnostic"]["code"] == "shake.by-hand"
+    assert message["diagnostic"]["code"] == "shake.manual"
     child.send(type="end")
     child.until(lambda m: m["type"] == "done", {"type": "beat"})

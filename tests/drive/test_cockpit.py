@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import StopReason, stop
-from baqueano.drive.by_hand.cockpit import RELEASES_OFF, RELEASES_ON, Cockpit
-from baqueano.drive.by_hand.keys import KITTY, PRESS, QUERY_ANSWER, RELEASE, KeyEvent
-from baqueano.drive.by_hand.terminal_heartbeat import MAX_SILENCE_S, QUERY
+from baqueano.drive.manual.cockpit import RELEASES_OFF, RELEASES_ON, Cockpit
+from baqueano.drive.manual.keys import KITTY, PRESS, QUERY_ANSWER, RELEASE, KeyEvent
+from baqueano.drive.manual.terminal_heartbeat import MAX_SILENCE_S, QUERY
 from baqueano.vehicles import Drivetrain
 
 LIMIT = np.array([1.0, 0.0, 0.8])

@@ -123,7 +123,7 @@ def test_teaching_accepts_a_list_of_commands():
     assert route.eta[-1, 2] > 0.2
 
 
-def test_teaching_by_hand_ends_with_the_last_manual_command():
+def test_manual_teaching_ends_with_the_last_manual_command():
     hand_commands = iter([np.array([0.5, 0.0, 0.0])] * 150)
 
     def hand():

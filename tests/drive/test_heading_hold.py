@@ -14,7 +14,7 @@ from baqueano.controllers.heading_hold import (
     pole_placement_gains,
 )
 from baqueano.drive import replay
-from baqueano.drive.by_hand.heading_gains import LINK_DELAY_S, heading_hold_gains, with_heading_hold
+from baqueano.drive.manual.heading_gains import LINK_DELAY_S, heading_hold_gains, with_heading_hold
 from baqueano.drive.mission import Mission, perform
 from baqueano.drive.tasks import drive_with_driver
 from baqueano.signals import Command, Estimate, Reference

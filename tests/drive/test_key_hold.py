@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from baqueano.drive.by_hand.key_hold import (
+from baqueano.drive.manual.key_hold import (
     FIRST_S,
     GAP_S,
     LATCHED,
@@ -15,7 +15,7 @@ from baqueano.drive.by_hand.key_hold import (
     SPEED_STEP,
     KeyHold,
 )
-from baqueano.drive.by_hand.keys import LEFT_WINDOW, PRESS, RELEASE, KeyEvent
+from baqueano.drive.manual.keys import LEFT_WINDOW, PRESS, RELEASE, KeyEvent
 
 
 def press(keys, key, t_s):

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from baqueano.drive.by_hand.keys import (
+from baqueano.drive.manual.keys import (
     KITTY,
     LEFT_WINDOW,
     PRESS,

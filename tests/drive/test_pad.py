@@ -6,9 +6,9 @@ import sys
 import pytest
 
 from baqueano.diagnostics import StopReason
-from baqueano.drive.by_hand import pad as pads
-from baqueano.drive.by_hand.evdev import EVENT_LAYOUTS, InputDevice, InputEvent, ioctl_code
-from baqueano.drive.by_hand.pad import DEAD_BAND, Pad, find_pad
+from baqueano.drive.manual import pad as pads
+from baqueano.drive.manual.evdev import EVENT_LAYOUTS, InputDevice, InputEvent, ioctl_code
+from baqueano.drive.manual.pad import DEAD_BAND, Pad, find_pad
 from baqueano.errors import UsageError
 from tests.codes import refused
 from tests.drive.test_cockpit import Terminal, cockpit

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from baqueano.drive.by_hand.screen import Screen, Status, status_lines
+from baqueano.drive.manual.screen import Screen, Status, status_lines
 from baqueano.messages.language import use_language
 
 

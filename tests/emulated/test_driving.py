@@ -8,8 +8,8 @@ import pytest
 from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door.states import DoorState
-from baqueano.drive.by_hand.cockpit import Cockpit
-from baqueano.drive.by_hand.key_hold import FIRST_S
+from baqueano.drive.manual.cockpit import Cockpit
+from baqueano.drive.manual.key_hold import FIRST_S
 from baqueano.drive.mission import Mission, pack
 from baqueano.drive.session import mark_times_ns
 from baqueano.runs import read_run

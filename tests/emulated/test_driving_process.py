@@ -6,7 +6,7 @@ import time
 import pytest
 
 from baqueano.door.remote import connect
-from baqueano.drive.by_hand.terminal_heartbeat import MAX_SILENCE_S
+from baqueano.drive.manual.terminal_heartbeat import MAX_SILENCE_S
 from baqueano.drive.session import mark_times_ns
 from baqueano.runs import read_run
 from tests.cli.test_driving import W_DOWN, Terminal

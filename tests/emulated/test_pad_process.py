@@ -16,7 +16,7 @@ from tests.emulated.umockdev import Machine
 DEVICES = ("keyboard", "touchpad", "pad")
 FRONT, SOUTH = 0x136, 0x130
 AHEAD, MIDDLE, PRESS, RELEASE = [3, 1, -32768], [3, 1, 0], [1, FRONT, 1], [1, FRONT, 0]
-ASK = "from baqueano.drive.by_hand.pad import find_pad; print(find_pad().name)"
+ASK = "from baqueano.drive.manual.pad import find_pad; print(find_pad().name)"
 
 
 @pytest.fixture

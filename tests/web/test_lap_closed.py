@@ -75,7 +75,7 @@ def test_a_lap_changes_the_scale_and_its_route_once(words):
         (lambda run: replace(run, vehicle_text=load("case-study-1").text), "web.no-lesson"),
     ],
 )
-def test_a_run_that_is_not_a_closed_lap_by_hand_does_not_change_the_file(
+def test_a_run_that_is_not_a_closed_manual_lap_does_not_change_the_file(
     words, tmp_path, lesson, change, code
 ):
     path = write_run(change(lesson[1]), tmp_path / "0003-teach.mcap")
@@ -121,7 +121,7 @@ async def test_the_driver_closes_a_lap_and_a_viewer_does_not(words, tmp_path):
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium: sudo apt-get install chromium")
-def test_the_page_offers_the_closure_after_a_lap_by_hand(tab, live):
+def test_the_page_offers_the_closure_after_a_manual_lap(tab, live):
     closed_flag = f"{PAGE}.screens.drive.closed"
     runs = [
         {"id": "r9", "name": "0009-teach", "kind": "teach", "seconds": 20.0, "when": None, "laps": None},

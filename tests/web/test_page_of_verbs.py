@@ -262,7 +262,7 @@ async def test_the_page_of_the_drive_command_drives_a_robot(tmp_path):
 
 
 @pytest.mark.skipif(bool(missing()), reason=f"Debian's packages {' '.join(missing())} are not installed")
-async def test_the_emulated_vehicle_is_driven_by_hand_on_the_page(tmp_path):
+async def test_the_emulated_vehicle_is_driven_manually_on_the_page(tmp_path):
     with with_page(tmp_path, *DRIVE, "--robot", "emulated") as (verb, port):
 
         async def end(visitor):

@@ -93,7 +93,7 @@ def test_spanish_texts_differ_from_english_except_names():
     untranslated_keys = {key for key, text in english.items() if text and text == spanish[key]}
     assert untranslated_keys <= {
         "world.real",
-        "drive.by-hand",
+        "drive.manual",
         "block.supervisor",
         "drive.pace-is",
         "identify.bits",

@@ -72,7 +72,7 @@ class HeadingHold:
     controller : Controller
         Controller whose commands are corrected.
     gains : Gains
-        Gains of (1), from (3): `drive.by_hand.heading_gains` finds them for a vehicle file.
+        Gains of (1), from (3): `drive.manual.heading_gains` finds them for a vehicle file.
     limit : float [unit of u]
         Largest u_ψ; the correction is at most a quarter of it.
     speed_scale : float

@@ -4,7 +4,7 @@ session        the loop of a drive, with observers and a recording; budget, inte
 tasks, replay  experiment, teach and repeat; a recorded run through blocks
 mission        a drive as data, for a vehicle behind a door
 first_drive    the drive of an unknown vehicle; closure: the scales that a return to a mark shows
-by_hand        keys, game pad and display;  safety: precautions along a route;  health: the messages of a monitor
+manual         keys, game pad and display;  safety: precautions along a route;  health: the messages of a monitor
 """
 
 from baqueano.drive.first_drive import FirstDrive, estimate_first_drive, first_drive, with_rough_gains

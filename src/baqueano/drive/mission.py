@@ -39,7 +39,7 @@ class Mission:
     the kind "drive" a person drives without teaching a route. UsageError is also raised for a damaged `start` or
     `precautions`.
 
-    >>> taught_by_hand = Mission("teach")
+    >>> manual_lesson = Mission("teach")
     >>> spin = Mission("experiment", u=np.tile([0.0, 0.0, 0.6], (100, 1)))
     >>> Mission.from_json(spin.to_json()).u.shape
     (100, 3)

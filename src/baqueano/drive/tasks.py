@@ -13,8 +13,8 @@ from baqueano.contracts.values import TableRow
 from baqueano.controllers import ManualController, Schedule
 from baqueano.controllers.schedule import script_commands
 from baqueano.diagnostics import Severity
-from baqueano.drive.by_hand.heading_gains import with_heading_hold
 from baqueano.drive.closure import Closure, lap_closure
+from baqueano.drive.manual.heading_gains import with_heading_hold
 from baqueano.drive.safety.caution import Caution
 from baqueano.drive.safety.command_notes import clipping_notes, lap_notes
 from baqueano.drive.safety.patience import TimeLimit

@@ -10,7 +10,7 @@ import click
 from baqueano.cli import numbers, options
 from baqueano.cli.driving.drive_options import DriveOptions, drive_options
 from baqueano.cli.driving.manual_drive import (
-    drive_by_hand,
+    drive_manually,
     drive_on_page,
     finish_manual_drive,
     hold_option,
@@ -58,7 +58,7 @@ def command(
     vehicle_file = drive.load_vehicle()
     options.advise_to_measure(vehicle_file, drive.robot)
     path = drive.run_path("drive")
-    terminal_drive = partial(drive_by_hand, pad=pad, command_share=command_share, latched=latched)
+    terminal_drive = partial(drive_manually, pad=pad, command_share=command_share, latched=latched)
     make_drive = drive_on_page if drive.show_page else terminal_drive
     run = make_drive("drive", vehicle_file, drive, path, hold=hold)
     print_message(note("cli.run", path=path))

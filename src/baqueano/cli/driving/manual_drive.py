@@ -22,7 +22,7 @@ from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.printable import baqueano_command
 
 if TYPE_CHECKING:
-    from baqueano.drive.by_hand.cockpit import Cockpit
+    from baqueano.drive.manual.cockpit import Cockpit
     from baqueano.runs.run import Run
     from baqueano.vehicle_file.file import VehicleFile
 
@@ -38,7 +38,7 @@ hold_option = click.option(
 )  # fmt: skip
 
 
-def drive_by_hand(
+def drive_manually(
     verb: str, vehicle_file: "VehicleFile", drive: DriveOptions, path: Path, pad: str | None = None, *, hold: bool,
     **options: Any,
 ) -> "Run":  # fmt: skip
@@ -48,16 +48,16 @@ def drive_by_hand(
     gyro, the heading is kept during straight motion. `options` contains `command_share` and `latched` of a Cockpit.
     Raise UsageError for an emulated vehicle.
     """
-    from baqueano.drive.by_hand.cockpit import Cockpit
-    from baqueano.drive.by_hand.heading_gains import heading_hold_gains
-    from baqueano.drive.by_hand.pad import find_pad
-    from baqueano.drive.by_hand.tty import is_over_ssh, terminal_proxy
+    from baqueano.drive.manual.cockpit import Cockpit
+    from baqueano.drive.manual.heading_gains import heading_hold_gains
+    from baqueano.drive.manual.pad import find_pad
+    from baqueano.drive.manual.tty import is_over_ssh, terminal_proxy
     from baqueano.drive.mission import Mission
     from baqueano.runs import read_run
 
     kind = drive.kind
     if kind == "emulated":
-        raise UsageError.of("cli.emulated-by-hand", "--robot simulated")
+        raise UsageError.of("cli.emulated-manual", "--robot simulated")
     device = None if pad is None else find_pad(Path(pad) if pad != ANY_PAD else None)
     if device is not None:
         print_message(note("cli.game-pad", name=device.name))
@@ -90,12 +90,14 @@ def drive_by_hand(
 def drive_on_page(
     verb: str, vehicle_file: "VehicleFile", drive: DriveOptions, path: Path, *, hold: bool
 ) -> "Run":
-    """Return the run of a manual drive, as `drive_by_hand`, from the page instead of this terminal."""
+    """Return the run of a manual drive, as `drive_manually`, from the page instead of this terminal."""
     from baqueano.drive.mission import Mission
     from baqueano.runs import read_run
 
     with (
-        live_page(drive.show_page, drive.robot, vehicle_file, drive.folder, drive.pace, by_hand=True) as page,
+        live_page(
+            drive.show_page, drive.robot, vehicle_file, drive.folder, drive.pace, is_manual=True
+        ) as page,
         open_target(drive.robot, vehicle_file, drive.seed, drive.backend, page) as target,
     ):
         assert page is not None

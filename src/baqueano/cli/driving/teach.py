@@ -10,7 +10,7 @@ import click
 from baqueano.cli import options
 from baqueano.cli.driving.drive_options import DriveOptions, drive_options
 from baqueano.cli.driving.manual_drive import (
-    drive_by_hand,
+    drive_manually,
     drive_on_page,
     finish_manual_drive,
     hold_option,
@@ -73,7 +73,7 @@ def command(
     options.advise_to_measure(vehicle_file, drive.robot)
     if driver == "keys":
         path = drive.run_path("teach")
-        make_drive = drive_on_page if drive.show_page else partial(drive_by_hand, pad=pad)
+        make_drive = drive_on_page if drive.show_page else partial(drive_manually, pad=pad)
         run, is_closed = make_drive("teach", vehicle_file, drive, path, hold=hold), closed
     else:
         target_route = shape_or_route(driver, speed_m_s, size_m, valid_names=("keys",))

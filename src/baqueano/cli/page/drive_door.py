@@ -55,12 +55,12 @@ class BodyWorld(World, Protocol):
 
 
 class DriveDoor:
-    """The connection of one subcommand to the page. With `by_hand`, a person drives from the page, and begins."""
+    """The connection of one subcommand to the page. With `is_manual`, a person drives from the page, and begins."""
 
     def __init__(
-        self, file: VehicleFile, world: str, folder: Path, pace: float = 1.0, by_hand: bool = False
+        self, file: VehicleFile, world: str, folder: Path, pace: float = 1.0, is_manual: bool = False
     ) -> None:
-        self.operator, self.pace, self.by_hand = Operator(), PacedClock(pace), by_hand
+        self.operator, self.pace, self.is_manual = Operator(), PacedClock(pace), is_manual
         self.listens, self.visited = threading.Event(), threading.Event()
         self._file, self._world = file, world
         self._state, self._reason = DoorState.READY, None
@@ -101,7 +101,7 @@ class DriveDoor:
             if json.loads(request[0]).get("kind") in MANUAL_MISSIONS:
                 return
             self.operator.record_mission_end()
-            self._end(request[2], fault("cli.page-by-hand"), SafetyStop.exit_code)
+            self._end(request[2], fault("cli.page-manual"), SafetyStop.exit_code)
         raise RobotUnreachable.of("cli.page-ended")
 
     def local_options(self, mission: "Mission", file: VehicleFile, mission_options: JsonObject) -> JsonObject:
@@ -138,7 +138,7 @@ class DriveDoor:
             replies += [{"type": "mark"}] * self.operator.pop_mark_count()
             if self.operator.is_end_requested:
                 raise KeyboardInterrupt
-            stop_reason = self.operator.stop_reason(attended=self.by_hand)
+            stop_reason = self.operator.stop_reason(attended=self.is_manual)
             if stop_reason is not None and not is_stopped:
                 is_stopped = True
                 replies.append({"type": "stop", "reason": stop_reason})
@@ -181,7 +181,7 @@ class DriveDoor:
             # the last: Ctrl-C was pressed
             return (
                 operator.is_end_requested
-                or operator.stop_reason(attended=self.by_hand) is not None
+                or operator.stop_reason(attended=self.is_manual) is not None
                 or is_default_handler()
             )
 
@@ -198,7 +198,7 @@ class DriveDoor:
     def _on_viewers(self, client: object, message: JsonObject) -> None:
         """Record that the page is listening, and the number of its viewers."""
         # reserves the operator: missions of the page are refused
-        if not self.listens.is_set() and not self.by_hand:
+        if not self.listens.is_set() and not self.is_manual:
             with suppress(SafetyStop):
                 self.operator.queue_mission(client, "", attended=False)
                 self.operator.pop_mission()
@@ -254,7 +254,7 @@ class _PageObserver(Observer):
         return blocks
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        return self._door.operator.stop_reason(attended=self._door.by_hand)
+        return self._door.operator.stop_reason(attended=self._door.is_manual)
 
     def pop_mark_count(self) -> int:
         return self._door.operator.pop_mark_count()

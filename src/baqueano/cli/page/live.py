@@ -58,7 +58,7 @@ class LivePage:
 
 @contextmanager
 def live_page(
-    show_page: bool, robot: str, file: "VehicleFile", folder: str, pace: float = 1.0, by_hand: bool = False
+    show_page: bool, robot: str, file: "VehicleFile", folder: str, pace: float = 1.0, is_manual: bool = False
 ) -> Iterator[LivePage | None]:
     """Open a page for the drives of a subcommand, and yield it; None if `show_page` is False.
 
@@ -73,7 +73,9 @@ def live_page(
 
     kind = robot.partition(":")[0]
     Path(folder).mkdir(parents=True, exist_ok=True)
-    door = DriveDoor(file, kind if kind in ("simulated", "emulated") else "real", Path(folder), pace, by_hand)
+    door = DriveDoor(
+        file, kind if kind in ("simulated", "emulated") else "real", Path(folder), pace, is_manual
+    )
     program = subprocess.Popen(
         [sys.executable, "-m", "baqueano.cli.page.attached", folder], stdin=subprocess.PIPE,
         stdout=subprocess.PIPE, start_new_session=True,  # Ctrl-C is for the verb

@@ -37,7 +37,7 @@ class FaultRequests:
         self._operator, self._broadcast = operator, broadcast
         self._world: FaultyWorld | None = None  # the world of the present drive, None without one
         self._last: tuple[JsonObject, bool, FaultyWorld] | None = None  # mission, attended, its world
-        self._by_hand = False
+        self._is_manual = False
         self._next_mission: tuple[object, JsonObject, bool] | None = None
 
     def begin(
@@ -47,7 +47,7 @@ class FaultRequests:
         mission = {k: v for k, v in json.loads(mission_json).items() if k != "fast_until_s"} | {
             "seed": plan.seed
         }
-        self._by_hand = plan.mission.is_manual
+        self._is_manual = plan.mission.is_manual
         self._world, self._last = world, (mission, is_attended, world)
         return _LedgerObserver(self, plan, world)
 
@@ -73,8 +73,8 @@ class FaultRequests:
         """
         if self._last is None:
             raise UsageError.of("shake.no-mission")
-        if self._by_hand:
-            raise UsageError.of("shake.by-hand")
+        if self._is_manual:
+            raise UsageError.of("shake.manual")
         mission, is_attended, world = self._last
         omitted_numbers = {int(n) for n in request["without"]} if request.get("without") is not None else None
         faults = [

@@ -104,7 +104,7 @@ TEMPLATES: dict[str, str] = {
     ),
     "cli.update-without-rounds": "--update needs --rounds: without a fit there is nothing to write. Type: {fix}",
     "cli.round-refused": "The fit of round {round} is refused: {reasons}. The run is {path}.",
-    "cli.emulated-by-hand": (
+    "cli.emulated-manual": (
         "The emulated vehicle does not run in real time, so it cannot be driven manually. Type: {fix}"
     ),
     "cli.hand-options": (
@@ -279,7 +279,7 @@ TEMPLATES: dict[str, str] = {
     "cli.page-waits": 'Take control on the page and press "Manual"; Ctrl-C ends it',
     "cli.page-drive-ended": "This drive is over. Its run is in the folder {folder}",
     "cli.page-ended": "The page process has ended.",
-    "cli.page-by-hand": 'This page is for manual driving. Press "Manual" on it.',
+    "cli.page-manual": 'This page is for manual driving. Press "Manual" on it.',
     "cli.page-set": ("The gains of a robot are set on its own page. Type: {fix}"),
     "cli.page-time": "A real vehicle runs in real time: its time cannot be paused, slowed down or sped up.",
     "cli.page-replayed": "The page shows both runs until its last tab is closed; Ctrl-C ends it",

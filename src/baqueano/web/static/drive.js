@@ -40,7 +40,7 @@ export class Drive {
     this.repeat.classList.add("repeat");
     this.pause = pauseButton(page);
     this.closed = action("drive.closed", "KeyC", () => { page.send({ type: "write", lap: page.runs[0].id, route: this.name }); this.name = ""; this.runs(); }, () => true);
-    this.actions = [mission("teach", "KeyT", "teach", () => ({ name: this.name = this.#freeName() })), this.repeat, mission("by-hand", "KeyB", "drive"), this.pause, now("mark", "KeyM"), now("end", "KeyE"), this.closed];
+    this.actions = [mission("teach", "KeyT", "teach", () => ({ name: this.name = this.#freeName() })), this.repeat, mission("manual", "KeyB", "drive"), this.pause, now("mark", "KeyM"), now("end", "KeyE"), this.closed];
     this.bar.prepend(...this.actions);
     const laps = (more) => { this.laps = clamp(this.laps + more, 1, 99); write(this.count, t(this.laps === 1 ? "drive.one-lap" : "drive.laps", { n: this.laps })); };
     press(this, { fewer: () => laps(-1), more: () => laps(1) });

@@ -42,7 +42,7 @@ TEMPLATES: dict[str, str] = {
         "The vehicle is not driving now. Start a mission first, or give the mission its faults with shake."
     ),
     "shake.no-mission": "No mission was driven yet, so none can be repeated.",
-    "shake.by-hand": (
+    "shake.manual": (
         "A manual drive cannot be driven again without its faults, because a person never drives twice in the "
         "same way. Repeat a route, or drive an experiment."
     ),

@@ -9,7 +9,7 @@ import sys
 from contextlib import suppress
 from typing import Any, Protocol
 
-from baqueano.drive.by_hand.keys import PRESS, KeyDecoder, KeyEvent
+from baqueano.drive.manual.keys import PRESS, KeyDecoder, KeyEvent
 from baqueano.errors import UsageError
 
 CURSOR_OFF, CURSOR_ON = b"\x1b[?25l", b"\x1b[?25h"

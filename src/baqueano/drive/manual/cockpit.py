@@ -23,13 +23,13 @@ import numpy as np
 from baqueano.contracts.values import JsonObject, TableRow
 from baqueano.controllers.heading_hold import MAX_TURN_SHARE
 from baqueano.diagnostics import Diagnostic, StopReason, stop
-from baqueano.drive.by_hand import pad as pads, screen
-from baqueano.drive.by_hand.dead_zone import dead_zone_violation
-from baqueano.drive.by_hand.key_hold import LATCHED, RELEASES, REPEATS, KeyHold
-from baqueano.drive.by_hand.keys import KITTY, PRESS, QUERY_ANSWER, KeyEvent
-from baqueano.drive.by_hand.terminal_heartbeat import MAX_FIRST_ANSWER_S, Heartbeat
-from baqueano.drive.by_hand.tty import Terminal, open_terminal
 from baqueano.drive.health import degraded_note
+from baqueano.drive.manual import pad as pads, screen
+from baqueano.drive.manual.dead_zone import dead_zone_violation
+from baqueano.drive.manual.key_hold import LATCHED, RELEASES, REPEATS, KeyHold
+from baqueano.drive.manual.keys import KITTY, PRESS, QUERY_ANSWER, KeyEvent
+from baqueano.drive.manual.terminal_heartbeat import MAX_FIRST_ANSWER_S, Heartbeat
+from baqueano.drive.manual.tty import Terminal, open_terminal
 from baqueano.drive.observers import Observer
 from baqueano.loop import Record
 from baqueano.messages import text

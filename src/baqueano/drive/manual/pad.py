@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 
 from baqueano.diagnostics import Diagnostic, fault, note
-from baqueano.drive.by_hand.evdev import ABS, DROPPED, KEY, REPORT, SYN, Axis, InputDevice, InputEvent, X, Y
+from baqueano.drive.manual.evdev import ABS, DROPPED, KEY, REPORT, SYN, Axis, InputDevice, InputEvent, X, Y
 from baqueano.errors import UsageError
 from baqueano.messages import text
 from baqueano.messages.language import translate as _

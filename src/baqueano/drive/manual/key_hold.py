@@ -15,7 +15,7 @@ the newest key. Older keys that are still held are therefore valid as long as th
 from collections import deque
 from statistics import median
 
-from baqueano.drive.by_hand.keys import LEFT_WINDOW, PRESS, RELEASE, REPEAT, KeyEvent
+from baqueano.drive.manual.keys import LEFT_WINDOW, PRESS, RELEASE, REPEAT, KeyEvent
 
 RELEASES, REPEATS, LATCHED = "releases", "repeats", "latched"
 DIRECTIONS = {  # key → (forward, left)
