@@ -157,7 +157,7 @@ def driving(seed: int, seed_count: int, controller: str | None, backend: str, as
 @options.seed
 @options.seeds(100, help="Number of robots, with seeds counted from --seed.")
 @click.option(
-    "--block",
+    "--with",
     "own_kinds",
     multiple=True,
     metavar="KIND",
