@@ -6,6 +6,7 @@ from baqueano.block_checks import check
 from baqueano.blocks import check_role, infer_role, resolve
 from baqueano.contracts.blocks import STEP_INPUTS
 from baqueano.errors import FileError, UsageError
+from baqueano.vehicle_file import load
 from tests.codes import includes, refused
 
 from .students import GUIDE, findings_about
@@ -32,6 +33,11 @@ def test_a_step_without_self_is_not_taken_for_another_block(tmp_path, decorator,
     (tmp_path / "mine.py").write_text(f"class Block:\n{step}", encoding="utf-8")
     with refused("block.step-without-self", FileError, block="Block", names=f"state, {inputs}"):
         infer_role(resolve("guide", "mine.py:Block", tmp_path))
+
+
+def test_the_source_of_a_block_is_searched_only_for_an_error(monkeypatch):
+    monkeypatch.setattr("baqueano.blocks.place_of", None)
+    assert load("small").name == "small"
 
 
 def test_an_unknown_kind_of_block_is_refused():
