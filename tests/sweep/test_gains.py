@@ -13,6 +13,7 @@ from baqueano.errors import FileError, UsageError
 from baqueano.guides.shapes import circle
 from baqueano.report.pages.result_page import build_page
 from baqueano.runs.route_file import write_route
+from baqueano.sweep import grid
 from baqueano.sweep.columns import short_labels
 from baqueano.sweep.combination import SweepBlocks, SweepJob, SweepSettings
 from baqueano.sweep.drawing import register
@@ -51,6 +52,7 @@ def with_controller(table):
 def students(tmp_path, monkeypatch):
     """Two students with the same code; only the vehicle file of the first names the class, with a gain."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(grid, "processor_count", lambda: 1)
     for name, table in (("ana", 'kind = "my.py:Mine"\npush = 0.6\n'), ("luis", 'kind = "pd_feedforward"\n')):
         (tmp_path / name).mkdir()
         (tmp_path / name / "my.py").write_text(CODE)

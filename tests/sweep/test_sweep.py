@@ -17,6 +17,7 @@ from baqueano.errors import UsageError
 from baqueano.guides.shapes import circle
 from baqueano.messages.language import use_language
 from baqueano.runs.run import EstimateLog, Run, TruthLog
+from baqueano.sweep import grid
 from baqueano.sweep.combination import FileText, SweepBlocks, SweepJob, SweepSettings
 from baqueano.sweep.figures import drive_figures, joining_distance
 from baqueano.sweep.grid import sweep as one_process
@@ -319,6 +320,7 @@ class Mine:
 def students(tmp_path, monkeypatch):
     """Two students with equal names of files and classes; the controller of the second raises."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(grid, "processor_count", lambda: 1)
     for name, command in (("ana", "0.5"), ("luis", "0.5 + [][0]")):
         (tmp_path / name).mkdir()
         (tmp_path / name / "mine.py").write_text(STUDENT.format(command=command))
