@@ -115,7 +115,6 @@ def signalled(process, number):
         signalled(child, number)
 
 
-@pytest.mark.alone
 def test_rt13_rt15_any_lost_connection_from_browser_to_motors_stops_the_motors(firmware, tmp_path):
     took, keys_ms = {}, []
     with running(firmware, tmp_path, environment={"BAQUEANO_BACKEND": "python"}) as service:

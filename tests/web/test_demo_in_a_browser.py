@@ -77,7 +77,6 @@ def demo(tmp_path):
     return done, json.loads(log.read_text()), start_s
 
 
-@pytest.mark.alone
 def test_a_demo_opens_a_tab_within_20_s_shows_its_work_and_ends_by_itself(tmp_path):
     with before_others():
         done, record, start_s = demo(tmp_path)
