@@ -124,6 +124,18 @@ def test_a_servo_in_the_middle_has_the_margins_of_a_servo_beside_it(zone, kind):
     assert servo[3] == pytest.approx(np.radians(phase) / crossover, rel=1e-3)
 
 
+def test_a_compiled_drive_ends_in_the_state_of_a_drive_as_written():
+    file = load("small")
+    system = margins_module._straight_loop(file, file.controller(), 0.3)
+    t_ns, begin = (
+        np.arange(1, margins_module.MIN_COMPILED_TICKS + 1) * 10_000_000,
+        margins_module.begin(system),
+    )
+    states = [margins_module._drive_system(system, begin, DT_S, t_ns, x)[0] for x in (False, True)]
+    rows = [margins_module._NumberRow(state).row(state) for state in states]
+    np.testing.assert_allclose(*rows, rtol=1e-9, atol=1e-12)
+
+
 def test_finite_differences_give_the_margins_of_the_exact_jacobian(monkeypatch):
     file = with_papers_pd()
     calm = with_value(with_value(file.controller(), "alpha", 4.0), "beta", 1.0)

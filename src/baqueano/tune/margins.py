@@ -12,6 +12,7 @@ servo in the middle, would have L = 0: it is linearised without this zone. Sourc
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import is_dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple, cast
@@ -27,7 +28,8 @@ from baqueano.guides.route import Route
 from baqueano.sensors.truth import truth_sensor
 from baqueano.simulate.open_loop import tick_times
 from baqueano.simulate.system import Input, System, SystemState, advance, begin
-from baqueano.symbolic import jacobian
+from baqueano.symbolic import TraceError, function, jacobian
+from baqueano.symbolic.function import KernelKey
 from baqueano.symbolic.graph.tree import build, leaves, tree_shape, values
 
 if TYPE_CHECKING:
@@ -41,6 +43,7 @@ ROUNDING = 1e-12  # a smaller step of a flag, such as that of a stopped vehicle,
 DIFFERENCE = (
     1e-3  # relative step of a finite difference: much larger than the relative error of a solver, 1e-4
 )
+MIN_COMPILED_TICKS = 100  # ticks of a drive; their compilation takes as long as 20 to 30 ticks
 FREQUENCY_COUNT = 2000
 MIN_FREQUENCY_RAD_S = 0.02
 # per tick, 0.1 % per second: an error that is not corrected has an eigenvalue of 1
@@ -84,7 +87,7 @@ def loop_margins(
     vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float
 ) -> tuple[LoopMargins, ...]:
     """Return the margins of each channel with a limit above 0; () at low speed or without a finite linearisation."""
-    loop = _linear_loop(vehicle_file, controller, speed_m_s)
+    loop = _cached_loop(vehicle_file, KernelKey(controller), speed_m_s)
     if loop is None:
         return ()
     plant, is_stable = loop
@@ -98,8 +101,16 @@ def loop_margins(
 
 def has_stable_loop(vehicle_file: "VehicleFile", controller: Controller, speed_m_s: float) -> bool:
     """Return True for a stable loop, and for a loop without margins."""
-    loop = _linear_loop(vehicle_file, controller, speed_m_s)
+    loop = _cached_loop(vehicle_file, KernelKey(controller), speed_m_s)
     return loop is None or loop[1]
+
+
+@lru_cache(maxsize=32)
+def _cached_loop(
+    vehicle_file: "VehicleFile", key: KernelKey, speed_m_s: float
+) -> tuple[LinearSystem, bool] | None:
+    (controller,) = key.parts
+    return _linear_loop(vehicle_file, controller, speed_m_s)
 
 
 def _linear_loop(
@@ -205,7 +216,7 @@ def _linearise_system(
     x, J, is_steady, end_tick, commands = flat_state.row(state), np.zeros(0), False, 0, np.zeros((1, 0))
     for settle_s in SETTLE_S:  # a longer drive only if Newton's method began too far away
         begin_tick, end_tick = end_tick, max(2, round(settle_s * rate_hz))  # the controller has a past
-        state, commands = _drive_system(system, state, dt_s, t_ns[begin_tick:end_tick])
+        state, commands = _drive_system(system, state, dt_s, t_ns[begin_tick:end_tick], is_interpreted)
         tick, x = tick_at(state, int(t_ns[end_tick])), flat_state.row(state)
         x, J, is_steady = _steady_state(tick, x, speed_m_s * dt_s * direction, derivative)
         if is_steady:
@@ -263,14 +274,24 @@ def _steady_state(
 
 
 def _drive_system(
-    system: System, state: SystemState, dt_s: float, t_ns: np.ndarray
+    system: System, state: SystemState, dt_s: float, t_ns: np.ndarray, is_interpreted: bool
 ) -> tuple[SystemState, np.ndarray]:
-    """Return the state after the ticks at `t_ns` (N,), and the commands (N, m)."""
-    commands = []
-    for t in t_ns:
-        state, _ = advance(system, dt_s, state, Input(int(t), None))
+    """Return the state after the ticks at `t_ns` (N,), and the commands (N, m). A long drive is compiled."""
+
+    def tick(state: SystemState, t_ns: int) -> SystemState:
+        return advance(system, dt_s, state, Input(t_ns, None))[0]
+
+    if len(t_ns) >= MIN_COMPILED_TICKS and not is_interpreted:
+        with suppress(TraceError):  # of a block that runs only as written
+            tick = function(tick, state, 0, backend="python")
+    commands, shape = [], tree_shape(_parts(state), "state")
+    for t in t_ns.tolist():
+        state = tick(state, t)
         commands.append(state.u)
-    return state, np.array(commands)
+    kinds_and_values = zip(leaves(shape), values(shape, _parts(state)), strict=True)
+    # compiled, a flag of 0.0 becomes False
+    state_values = (float(x) if leaf.kind == "f" and np.ndim(x) == 0 else x for leaf, x in kinds_and_values)
+    return SystemState(*build(shape, state_values)), np.array(commands)
 
 
 class _NumberRow:
