@@ -2,10 +2,11 @@
 
     J = ∂r/∂E,   P = JᵀJ + DᵀD,   q = Jᵀ (r − J E°) − Dᵀ d,   D E − d = Δε / command_change_max            (1)
 
-r contains e / e_max and the excess of the speed at each step. e is the error of the pose, E the plan of the efforts ε.
-The model is linearised at the plan E°. P and q are defined in program.py. D depends only on the weights and is computed
-once. The engine computes r and its derivatives in one call, in model steps of at most MAX_STEP_S. A call before it
-computes the start state, and a call after it computes the command.
+r contains e / e_max and the excess of the speed at each step. e is the error of the pose, E the plan: the efforts ε,
+divided by the change that the cost weights with 1. In this unit a fixed step size of the solver suits each vehicle. The
+model is linearised at the plan E°. P and q are defined in program.py. D is constant. The engine computes r and its
+derivatives in one call, in model steps of at most MAX_STEP_S. A call before it computes the start state, and a call
+after it computes the command.
 """
 
 from dataclasses import replace
@@ -81,10 +82,9 @@ class Horizon:
         self._substeps = max(1, int(np.ceil(self._step_s / MAX_STEP_S)))
         max_command = self._active_rows @ np.minimum(law.limit, NO_LIMIT)
         max_change = law.command_change_max * np.where(max_command < NO_LIMIT, max_command, 1.0)
-        self._change_weight = 1.0 / max_change**2
-        self.unit = np.tile(max_change, STEPS)
-        D = np.kron(np.eye(STEPS) - np.eye(STEPS, k=-1), np.diag(1.0 / max_change))
-        self._P = D.T @ D + MIN_CURVATURE * np.eye(STEPS * self._k)
+        self._max_change = max_change
+        D = np.kron(np.eye(STEPS) - np.eye(STEPS, k=-1), np.eye(self._k))
+        self._P = D.T @ D + MIN_CURVATURE * np.diag(np.tile(max_change, STEPS) ** 2)
         wall = np.array([law.wall_low, law.wall_high])
         self._with_wall = np.isfinite(wall).any(axis=0)
         self._walls = np.tile(wall[:, self._with_wall], STEPS)  # (2, w)
@@ -102,7 +102,7 @@ class Horizon:
             np.abs(mix) @ np.minimum(self._active_rows @ self._limit, NO_LIMIT), self._motors.limit
         )
         low, high = (np.tile(self._motors.static_response(sign * max_duty), STEPS) for sign in (-1.0, 1.0))
-        return np.kron(np.eye(STEPS), mix), low, high
+        return np.kron(np.eye(STEPS), mix * self._max_change), low, high
 
     def linearised_program(
         self, state: MpcState, dt_s: float, reference: Reference, estimate: Estimate
@@ -114,23 +114,22 @@ class Horizon:
         has_plan, poses = float(state.t_ns >= 0), (estimate.eta, estimate.nu, reference.eta, reference.nu)
         E, *model, start = self._begin_kernel(state[1:6], dt_s, has_plan, *poses)
         outputs, jacobians = self._kernel(z := E.ravel(), start)
-        r = outputs[self._end_of_step, :RESIDUALS].reshape(-1)
-        J = jacobians[self._end_of_step, :RESIDUALS].reshape(-1, len(z))
+        outputs, jacobians = outputs[self._end_of_step], jacobians[self._end_of_step]
+        r, J = outputs[:, :RESIDUALS].reshape(-1), jacobians[:, :RESIDUALS].reshape(-1, len(z))
         P = J.T.dot(J)
         q = r.dot(J) - P.dot(z)
-        q[: self._k] -= state.effort * self._change_weight
+        q[: self._k] -= state.effort / self._max_change
         if not isfinite(q.dot(q)):
             return E, *model, None
         P += self._P
-        A = jacobians[self._end_of_step, RESIDUALS:].reshape(-1, len(z))
-        low, high = self._walls
+        A, (low, high) = jacobians[:, RESIDUALS:].reshape(-1, len(z)), self._walls
         if len(A):
-            low, high = self._walls - (outputs[self._end_of_step, RESIDUALS:].ravel() - A @ z)
+            low, high = self._walls - (outputs[:, RESIDUALS:].ravel() - A @ z)
         return E, *model, QuadraticProgram(P, q, A, low, high)
 
-    def command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the command (n,) for an effort (k,), within the limits, and the effort (k,) that it causes."""
-        return self._command_kernel(effort)
+    def command(self, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the command (n,) for a step of the plan (k,), within the limits, and the effort (k,) of it."""
+        return self._command_kernel(step)
 
     @property
     def wall_count(self) -> int:
@@ -151,9 +150,9 @@ class Horizon:
     def _command_kernel(self) -> Any:
         return function(self._command, np.zeros(self._k)).call
 
-    def _command(self, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        motors = self._motors
-        u = np.clip(motors.inverse(self._active_rows.T @ effort), -self._limit, self._limit)
+    def _command(self, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        motors, effort = self._motors, self._active_rows.T @ (step * self._max_change)
+        u = np.clip(motors.inverse(effort), -self._limit, self._limit)
         u = motors.prioritise_turn(u)
         return u, self._active_rows @ motors.unmix(motors.static_response(motors.mix(u)))
 
@@ -170,7 +169,8 @@ class Horizon:
         k = np.minimum(np.arange(STEPS) + has_plan * dt_s / self._step_s, STEPS - 1.0)
         # linear interpolation between the steps
         E = np.maximum(1.0 - np.abs(k[:, None] - np.arange(STEPS)), 0.0) @ E
-        E = np.where(np.abs(E) < MIN_EFFORT, MIN_EFFORT * np.arange(1.0, self._k + 1.0), E)
+        min_step = MIN_EFFORT / self._max_change
+        E = np.where(np.abs(E) < min_step, min_step * np.arange(1.0, self._k + 1.0), E)
         eta_r, nu_r = self._vehicle_reference(eta_r, nu_r, nu)
         entries = (
             eta,
@@ -211,7 +211,7 @@ class Horizon:
             motors = DrivetrainState(
                 np.reshape(motor_parts[0], rest_state.past_commands.shape), *motor_parts[1:]
             )
-            effort = row @ np.reshape(theta, (STEPS, self._k))
+            effort = row @ np.reshape(theta, (STEPS, self._k)) * self._max_change
             state = VehicleState(eta, nu, np.zeros(3), motors)
             state, _ = self._linear_vehicle.step(state, self._active_rows.T @ effort, dt_s, np.zeros(3))
             eta = compose(state.eta, turn_error[0] * dt_s * turn)  # (6)

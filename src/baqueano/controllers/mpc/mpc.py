@@ -135,4 +135,4 @@ class Mpc:
     @cached_property
     def _program(self) -> BoundedProgram:
         horizon = self._horizon
-        return BoundedProgram(*horizon.motor_constraints(), horizon.unit, horizon.wall_count)
+        return BoundedProgram(*horizon.motor_constraints(), horizon.wall_count)

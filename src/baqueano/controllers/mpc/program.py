@@ -2,9 +2,9 @@
 
     min ½ zᵀ P z + qᵀ z,  lower ≤ rows z ≤ upper,    low ≤ A z ≤ high                                     (1)
 
-P is dense; `rows`, `lower` and `upper` are the same at each call. The unit of z is the change of a command that the
-cost weights with 1, so a fixed step size suits each vehicle. The scaling of OSQP would depend on earlier calls: then a
-replay would compute other commands. Source: Stellato et al., Mathematical Programming Computation, 2020.
+P is dense; `rows`, `lower` and `upper` are the same at each call. z has the unit of the plan (horizon.py). The scaling
+of OSQP would depend on earlier calls: then a replay would compute other commands. Source: Stellato et al., Mathematical
+Programming Computation, 2020.
 """
 
 from functools import cached_property
@@ -30,16 +30,13 @@ OSQP_SETTINGS = {
 class BoundedProgram:
     """The solver of (1). A solution depends only on the matrices and the start, not on earlier calls."""
 
-    def __init__(
-        self, rows: np.ndarray, lower: np.ndarray, upper: np.ndarray, unit: np.ndarray, walls: int
-    ) -> None:
-        self._unit, self._wall_count = unit, walls
-        self._rows, row_unit = _unit_rows(rows * unit)
+    def __init__(self, rows: np.ndarray, lower: np.ndarray, upper: np.ndarray, walls: int) -> None:
+        self._wall_count, self._size = walls, rows.shape[1]
+        self._rows, row_unit = _unit_rows(rows)
         self._lower, self._upper = lower / row_unit, upper / row_unit
-        pattern = np.vstack([rows != 0.0, np.ones((walls, len(unit)), bool)])
-        self._patterns = np.triu(np.ones((len(unit), len(unit)))) > 0.0, pattern
+        pattern = np.vstack([rows != 0.0, np.ones((walls, self._size), bool)])
+        self._patterns = np.triu(np.ones((self._size, self._size))) > 0.0, pattern
         self._index_P, self._index_A = (np.flatnonzero(matrix.T) for matrix in self._patterns)
-        self._P_unit = np.outer(unit, unit).take(self._index_P)
 
     @property
     def constraints(self) -> int:
@@ -57,19 +54,20 @@ class BoundedProgram:
         solver: Any = self._solver
         A_values, bounds = None, (None, None)
         if len(low):
-            A, row_unit = _unit_rows(A * self._unit)
+            A, row_unit = _unit_rows(A)
             A_values, bounds = np.vstack([self._rows, A]), self._bounds(low / row_unit, high / row_unit)
             A_values = A_values.T.take(self._index_A)
-        if solver.get_settings().rho != RHO:  # OSQP changed it in the last call
-            solver.update_rho(RHO)
-        solver.update_data_mat(P.take(self._index_P) * self._P_unit, None, A_values, None)
-        solver.update_data_vec(q * self._unit, *bounds)
-        solver.warm_start(start.ravel() / self._unit, multipliers)
+        solver.update_data_mat(P.take(self._index_P), None, A_values, None)
+        solver.update_data_vec(q, *bounds)
+        solver.warm_start(start.ravel(), multipliers)
         solver.solve()
-        x, y = solver.solution.x, solver.solution.y
-        if solver.info.status_val not in SOLVED_STATUS or not isfinite(x.dot(x) + y.dot(y)):
+        info, solution = solver.info, solver.solution
+        if info.iter >= OSQP_SETTINGS["adaptive_rho_interval"]:  # OSQP can have changed it
+            solver.update_rho(RHO)
+        x, y = solution.x, solution.y  # copies
+        if info.status_val not in SOLVED_STATUS or not isfinite(x.dot(x) + y.dot(y)):
             return None
-        return np.reshape(x * self._unit, start.shape), y.copy()
+        return x.reshape(start.shape), y
 
     @cached_property
     def _solver(self) -> Any:
@@ -77,11 +75,11 @@ class BoundedProgram:
         from scipy.sparse import csc_matrix
 
         P, A = (csc_matrix(np.where(matrix, 1.0, 0.0)) for matrix in self._patterns)
-        walls = np.ones((self._wall_count, len(self._unit)))
-        P.data = np.eye(len(self._unit)).take(self._index_P)
+        walls = np.ones((self._wall_count, self._size))
+        P.data = np.eye(self._size).take(self._index_P)
         A.data = np.vstack([self._rows, walls]).T.take(self._index_A)
         program, free = _osqp(), np.full(self._wall_count, np.inf)
-        program.setup(P, np.zeros(len(self._unit)), A, *self._bounds(-free, free), **OSQP_SETTINGS)
+        program.setup(P, np.zeros(self._size), A, *self._bounds(-free, free), **OSQP_SETTINGS)
         return program._solver
 
     def _bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

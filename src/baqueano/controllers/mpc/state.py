@@ -14,8 +14,8 @@ class MpcState(NamedTuple):
     ----------
     t_ns : int
         Time of the last tick; −1 before the first.
-    E : ndarray (N, k) [unit of u]
-        Efforts of the next steps, for the k commands with a limit above 0.
+    E : ndarray (N, k) [no unit]
+        Plan of the next steps, for the k commands with a limit above 0; its unit is in horizon.py.
     effort : ndarray (k,) [unit of u]
         Effort of the last command.
     drivetrain : DrivetrainState
