@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 SETTLE_S = 0.1, 0.5, 4.0  # durations of a drive before Newton's method begins
 MAX_NEWTON_STEPS, STEADY_TOLERANCE = 8, 1e-7  # steps and relative error at which Newton's method ends
+MAX_CONTRACTION = 0.1  # of the error by a step, above which the Jacobian is computed again: it takes 12 ticks
 CALM_WINDOW_S, CALM_TOLERANCE = 0.5, 0.05  # a drive is steady if its command then changes less
 MIN_SPEED_M_S = 0.01  # a steady drive is faster
 ROUNDING = 1e-12  # a smaller step of a flag, such as that of a stopped vehicle, is a rounding error
@@ -260,14 +261,19 @@ def _steady_state(
     derivative: Callable[[Callable[[Tree], Tree], np.ndarray], np.ndarray] = _engine_jacobian,
 ) -> tuple[np.ndarray, np.ndarray, bool]:
     """Return the row x with tick(x) = x + shift, the Jacobian at x, and True if Newton's method converged."""
-    J = np.zeros((len(x), len(x)))
+    J, last_error = np.zeros((len(x), len(x))), 0.0
     for _ in range(MAX_NEWTON_STEPS):
         with np.errstate(over="ignore", invalid="ignore"):  # a step may end where the model diverges
-            J, gap = derivative(tick, x), x + shift - tick(x)
+            gap = x + shift - tick(x)
+            error = float(np.max(np.abs(gap) / (1.0 + np.abs(x))))
+            is_steady = error < STEADY_TOLERANCE
+            if is_steady or error > MAX_CONTRACTION * last_error:
+                J = derivative(tick, x)
         if not np.isfinite(J).all() or not np.isfinite(gap).all():
             break
-        if np.max(np.abs(gap) / (1.0 + np.abs(x))) < STEADY_TOLERANCE:
+        if is_steady:
             return x, J, True
+        last_error = error
         step = np.linalg.lstsq(J - np.eye(len(x)), gap, rcond=1e-9)[0]
         x = x + np.where(np.abs(step) < ROUNDING * (1.0 + np.abs(x)), 0.0, step)
     return x, J, False
