@@ -86,14 +86,8 @@ class ObjectiveCase(NamedTuple):
     ticks: int
     cost: Scan
     figures_kernel: Scan
+    speed_m_s: float  # median of the route's reference
     inputs: tuple[Input, ...] = ()  # of each seed
-
-    @property
-    def speed_m_s(self) -> float:
-        """Return the median speed [m/s] of the route's reference."""
-        sample_times = tick_times(self.ticks, self.rate_hz)[:: 1 + self.ticks // SPEED_SAMPLES]
-        velocities = [reference.nu for reference in sample_references(self.system, sample_times.tolist())]
-        return float(np.median([np.hypot(nu[0], nu[1]) for nu in velocities]))
 
     def with_seeds(self, seeds: Sequence[int | None]) -> "ObjectiveCase":
         """Return the same case with the noise of these seeds; the seed None gives a drive without noise."""
@@ -198,6 +192,8 @@ class Objective:
 
 def soft_maximum(costs: np.ndarray) -> np.ndarray:
     """Return the combined cost (k,) of costs (k, v).  (1)"""
+    if costs.shape[1] == 1:
+        return np.where(np.isfinite(costs[:, 0]), costs[:, 0], np.inf)
     worst_case = np.max(costs, axis=1, keepdims=True)
     safe = np.where((worst_case > 0.0) & np.isfinite(worst_case), worst_case, 1.0)
     mean = safe[:, 0] * np.mean((costs / safe) ** SOFT_MAXIMUM_POWER, axis=1) ** (1.0 / SOFT_MAXIMUM_POWER)
@@ -318,7 +314,14 @@ def _case(
         return _TickOutput(tick_cost(weights, limit, loop_output), tick_errors(limit, loop_output))
 
     loop = closed_loop(system, rate, noise=noise, backend=backend, paths=paths, start=start, output=output)
-    return ObjectiveCase(system, rate, tick_count, loop.part("cost"), loop.part("errors"))
+    kernels = loop.part("cost"), loop.part("errors")
+    return ObjectiveCase(system, rate, tick_count, *kernels, _median_speed(system, tick_times(tick_count, rate)))
+
+
+def _median_speed(system: System, t_ns: np.ndarray) -> float:
+    """Return the median speed [m/s] of the route's reference at some of the times `t_ns` (N,)."""
+    references = sample_references(system, t_ns[:: 1 + len(t_ns) // SPEED_SAMPLES].tolist())
+    return float(np.median([np.hypot(reference.nu[0], reference.nu[1]) for reference in references]))
 
 
 def draw_vehicles(

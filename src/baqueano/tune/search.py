@@ -25,9 +25,10 @@ from baqueano.numerics.quasi_newton import minimise
 STRETCH_EXPONENT = 7.0  # c: the middle of the range is 3 % of its upper end
 SAMPLED_POINTS = 24  # points of the cube that are evaluated before the descents
 START_COUNT = 3
-# a descent ends if PATIENCE evaluations decreased its cost by a smaller share than MIN_PROGRESS
-PATIENCE, MIN_PROGRESS = 5, 1e-6
-JOIN_TOLERANCE = 1e-5  # descents with a smaller relative difference of their costs end at the same place
+# a descent ends if PATIENCE evaluations decreased its cost by a smaller share than MIN_PROGRESS; above the cost of an
+# earlier end, MIN_PROGRESS_ABOVE
+PATIENCE, MIN_PROGRESS, MIN_PROGRESS_ABOVE = 5, 1e-6, 1e-4
+JOIN_TOLERANCE = 1e-4  # descents with a smaller relative difference of their costs end at the same place
 MAX_EVALUATIONS = 60  # of one descent
 # ∂C/∂x relative to C above which the end of a descent is not a minimum of a smooth cost
 MAX_RELATIVE_SLOPE = 1e-3
@@ -138,7 +139,8 @@ def descend(
         value, max_change = min(values), JOIN_TOLERANCE * best_value
         is_near = best_value <= value <= best_value + max_change and last_value - value <= max_change
         joins, last_value = is_near and np.array_equal(limits(x), best_limits), value
-        return joins or value > (1.0 - MIN_PROGRESS) * min(values[:-PATIENCE], default=np.inf)
+        progress = MIN_PROGRESS_ABOVE if value > best_value else MIN_PROGRESS
+        return joins or value > (1.0 - progress) * min(values[:-PATIENCE], default=np.inf)
 
     end = minimise(f, x0, MAX_EVALUATIONS, is_end)
     if best_end is not None and joins:
