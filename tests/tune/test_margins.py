@@ -235,3 +235,19 @@ def test_a_newton_step_to_where_the_model_diverges_gives_no_steady_state_and_no_
     with np.errstate(over="raise", invalid="raise"):
         steady = margins_module._steady_state(tick, np.array([1e200, 1.0]), np.array([0.0, 0.1]))[2]
     assert not steady
+
+
+def test_a_fast_iteration_to_the_steady_state_computes_few_jacobians():
+    calls = []
+
+    def derivative(tick, x):
+        calls.append(x)
+        return np.diag(0.5 + 0.06 * np.cos(x))
+
+    x, J, is_steady = margins_module._steady_state(
+        lambda x: 0.5 * x + 0.06 * np.sin(x), np.array([0.5, -0.3]), np.array([0.1, 0.0]), derivative
+    )
+    assert is_steady
+    np.testing.assert_allclose(0.5 * x + 0.06 * np.sin(x), x + np.array([0.1, 0.0]), atol=1e-7)
+    np.testing.assert_allclose(J, np.diag(0.5 + 0.06 * np.cos(x)), atol=1e-12)
+    assert len(calls) == 2

@@ -65,6 +65,21 @@ def test_a_descent_passes_a_higher_minimum_that_is_known():
     assert descent.cost == pytest.approx(1.0, abs=1e-9)
 
 
+def test_a_slow_descent_above_a_known_minimum_ends_early():
+    """Along the curved valley the cost decreases by small shares: alone, the descent goes on to its minimum of 1."""
+
+    def valley(g):
+        u, v = g[0] / HIGH[0], g[1] / HIGH[1]
+        across, along = v - u * u, 0.9 - u
+        slope = np.array([-2.0 * along - 4e3 * u * across, 2e3 * across, 0.0])
+        return 1.0 + 1e-3 * (along**2 + 1e3 * across**2), 1e-3 * slope / HIGH
+
+    start, low_end = np.array([90.0, 9.0, 2.0]), Descent(HIGH, LOW, 0.9, np.array([0.9]), 0.0)
+    alone, early = (descend(valley, start, LOW, HIGH, best_end=end) for end in (None, low_end))
+    assert len(early.costs) < len(alone.costs)
+    assert low_end.cost < alone.cost <= early.cost < 1.001 * alone.cost
+
+
 def test_a_gain_with_its_optimum_beyond_a_bound_is_flagged():
     best = search(*bowl(np.array([200.0, -3.0, 20.0])), LOW, HIGH)[0]
     np.testing.assert_allclose(best.gains, [100.0, 0.0, 20.0], rtol=1e-4, atol=1e-6)

@@ -315,7 +315,9 @@ def _case(
 
     loop = closed_loop(system, rate, noise=noise, backend=backend, paths=paths, start=start, output=output)
     kernels = loop.part("cost"), loop.part("errors")
-    return ObjectiveCase(system, rate, tick_count, *kernels, _median_speed(system, tick_times(tick_count, rate)))
+    return ObjectiveCase(
+        system, rate, tick_count, *kernels, _median_speed(system, tick_times(tick_count, rate))
+    )
 
 
 def _median_speed(system: System, t_ns: np.ndarray) -> float:
