@@ -70,14 +70,14 @@ def test_a_slow_descent_above_a_known_minimum_ends_early():
 
     def valley(g):
         u, v = g[0] / HIGH[0], g[1] / HIGH[1]
-        across, along = v - u * u, 0.9 - u
-        slope = np.array([-2.0 * along - 4e3 * u * across, 2e3 * across, 0.0])
-        return 1.0 + 1e-3 * (along**2 + 1e3 * across**2), 1e-3 * slope / HIGH
+        offset, rest = v - u * u, 0.9 - u
+        slope = np.array([-2.0 * rest - 4e3 * u * offset, 2e3 * offset, 0.0])
+        return 1.0 + 1e-3 * (rest**2 + 1e3 * offset**2), 1e-3 * slope / HIGH
 
     start, low_end = np.array([90.0, 9.0, 2.0]), Descent(HIGH, LOW, 0.9, np.array([0.9]), 0.0)
-    alone, early = (descend(valley, start, LOW, HIGH, best_end=end) for end in (None, low_end))
-    assert len(early.costs) < len(alone.costs)
-    assert low_end.cost < alone.cost <= early.cost < 1.001 * alone.cost
+    single, second = (descend(valley, start, LOW, HIGH, best_end=end) for end in (None, low_end))
+    assert len(second.costs) < len(single.costs)
+    assert low_end.cost < single.cost <= second.cost < 1.001 * single.cost
 
 
 def test_a_gain_with_its_optimum_beyond_a_bound_is_flagged():
