@@ -67,7 +67,8 @@ def benches(smallest: bool) -> list[Bench]:
     )
     is_worse = tuning.cost > evolution_result.fun * WORSE
     comparison = (
-        f"differential evolution reaches {evolution_result.fun:.5g} in {evolution_result.nfev} evaluations"
+        f"differential evolution reaches {evolution_result.fun:.5g} in "
+        f"{evolution_result.nfev} batches of {POPULATION * len(bounds)} evaluations"
     )
     quality = rows[0]._replace(note=f"{rows[0].note}; {comparison}", is_missed=bool(is_worse))
     return [Bench(f"tuning of 3 gains over {duration_s:g} s", (quality, *rows[1:]))]
