@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from baqueano.diagnostics import note
-from baqueano.symbolic import function, value_at_path, with_value
+from baqueano.symbolic import function, value_at_path, with_value, with_values
 from tests.codes import refused
 
 
@@ -71,6 +71,16 @@ def test_put_preserves_the_shape_and_the_other_entries_of_an_array():
     assert with_value(T, "T[1,2]", 9.0)["T"].tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 9.0]]
     assert with_value(T, "T[1]", np.zeros(3))["T"].tolist() == [[0.0, 1.0, 2.0], [0.0, 0.0, 0.0]]
     assert with_value((1.0, 2.0), "[1]", 3.0) == (1.0, 3.0)
+
+
+def test_many_values_give_the_same_tree_as_one_after_the_other():
+    values = [("model.mass", 3.0), ("model.friction.linear[2]", 5.0), ("model.friction.linear[0]", 7.0)]
+    new = with_values(SYSTEM, values)
+    for path, value in values:
+        assert value_at_path(new, path) == value
+    assert value_at_path(new, "model.friction.linear[1]") == value_at_path(SYSTEM, "model.friction.linear[1]")
+    assert new.sensors is SYSTEM.sensors
+    assert with_values(SYSTEM, []) is SYSTEM
 
 
 def test_traced_values_can_be_put_into_blocks_and_arrays():

@@ -20,7 +20,7 @@ from baqueano.symbolic.derivatives.dual import chain_rule, jacobian
 from baqueano.symbolic.errors import TraceError
 from baqueano.symbolic.function import compile_block, function
 from baqueano.symbolic.graph.program import NormalEquations
-from baqueano.symbolic.paths import value_at_path, with_value
+from baqueano.symbolic.paths import value_at_path, with_value, with_values
 from baqueano.symbolic.scan import Scan
 from baqueano.symbolic.traced import scan
 

@@ -2,12 +2,13 @@
 
 Examples are `value_at_path(robot, "friction.linear[0]")` and `with_value(robot, "model.T[0,2]", x)`. A name is a field
 of a dataclass or NamedTuple, an attribute of any other object, or a key of a dict; an index is in brackets.
-`with_value` copies the objects on the path. It does not call `__post_init__`, because its checks would be `if`s on
-values known only at run time.
+`with_value` and `with_values` copy the objects on the path. They do not call `__post_init__`, because its checks
+would be `if`s on values known only at run time.
 """
 
 import dataclasses
 import re
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import TypeVar
 
@@ -37,7 +38,14 @@ def value_at_path(tree: Tree, path: str) -> Tree:
 
 def with_value(tree: TreeType, path: str, value: Tree) -> TreeType:
     """Return a copy of `tree` with `value` at `path`. Raise Invalid if the old value has another shape."""
-    return _replace_at(tree, _steps(path), value, path)
+    return with_values(tree, [(path, value)])
+
+
+def with_values(tree: TreeType, values: Iterable[tuple[str, Tree]]) -> TreeType:
+    """Return a copy of `tree` with the value of each (path, value), as `with_value` does. Each object is copied once.
+    No path may be a part of another."""
+    changes = [(_steps(path), value, path) for path, value in values]
+    return _replace_at(tree, changes) if changes else tree
 
 
 @lru_cache(maxsize=1000)
@@ -80,36 +88,47 @@ def _names(container_type: type) -> tuple[str, ...]:
     return tuple(getattr(container_type, "_fields", ()))
 
 
-def _replace_at(tree: Tree, steps: tuple[Tree, ...], value: Tree, path: str) -> Tree:
+def _replace_at(tree: Tree, changes: list[tuple[tuple[Tree, ...], Tree, str]]) -> Tree:
+    steps, value, path = changes[-1]
     if not steps:
         if tree is not None and np.shape(tree) != np.shape(value):
             raise Invalid.of(
                 "path.shape", path=path, expected=str(np.shape(tree)), value=str(np.shape(value))
             )
         return value
-    step = steps[0]
-    child = _replace_at(_child(tree, step, path), steps[1:], value, path)
-    if isinstance(step, tuple):
-        return _replace_item(tree, step, child)
+    groups: dict[Tree, list[tuple[tuple[Tree, ...], Tree, str]]] = {}
+    for steps, value, path in changes:
+        groups.setdefault(steps[0], []).append((steps[1:], value, path))
+    children = {step: _replace_at(_child(tree, step, rest[0][2]), rest) for step, rest in groups.items()}
+    items = {step: child for step, child in children.items() if isinstance(step, tuple)}
+    if items:
+        tree = _replace_items(tree, items)
+    fields = {step: child for step, child in children.items() if step not in items}
+    if not fields:
+        return tree
     if isinstance(tree, dict):
-        return {**tree, step: child}
-    return _replace_name(tree, step, child) if isinstance(tree, tuple) else _replace_field(tree, step, child)
+        return {**tree, **fields}
+    return _replace_names(tree, fields) if isinstance(tree, tuple) else _replace_fields(tree, fields)
 
 
-def _replace_item(tree: Tree, index: tuple[int, ...], value: Tree) -> Tree:
+def _replace_items(tree: Tree, items: dict[tuple[int, ...], Tree]) -> Tree:
     if isinstance(tree, np.ndarray):
-        copy = as_fillable(tree.astype(float)) if has_scalars(value) else tree.copy()
-        copy[index] = value
+        is_traced = any(map(has_scalars, items.values()))
+        copy = as_fillable(tree.astype(float)) if is_traced else tree.copy()
+        for index, value in items.items():
+            copy[index] = value
         return copy
-    items = [*tree[: index[0]], value, *tree[index[0] :][1:]]
-    return type(tree)(items) if type(tree) in (tuple, list) else type(tree)(*items)
+    entries = list(tree)
+    for index, value in items.items():
+        entries[index[0]] = value
+    return type(tree)(entries) if type(tree) in (tuple, list) else type(tree)(*entries)
 
 
-def _replace_name(record: Tree, name: str, value: Tree) -> Tree:
-    return record._replace(**{name: value})
+def _replace_names(record: Tree, fields: dict[str, Tree]) -> Tree:
+    return record._replace(**fields)
 
 
-def _replace_field(block: Tree, name: str, value: Tree) -> Tree:
+def _replace_fields(block: Tree, fields: dict[str, Tree]) -> Tree:
     copy = object.__new__(type(block))
     attributes = getattr(block, "__dict__", {})
     if attributes:
@@ -117,5 +136,6 @@ def _replace_field(block: Tree, name: str, value: Tree) -> Tree:
     for key in _names(type(block)):
         if key not in attributes:  # a slot
             object.__setattr__(copy, key, getattr(block, key))
-    object.__setattr__(copy, name, value)
+    for name, value in fields.items():
+        object.__setattr__(copy, name, value)
     return copy

@@ -27,7 +27,7 @@ from baqueano.identify.data.record import FittedBlocks
 from baqueano.parameter import TERM_ROLES, Parameter, Words, all_parameters, parameters
 from baqueano.runs.run import Run
 from baqueano.signals import Motion
-from baqueano.symbolic import value_at_path, with_value
+from baqueano.symbolic import value_at_path, with_value, with_values
 from baqueano.vehicles.freedoms import (
     AXIS_NAMES,
     coasting_axes,
@@ -353,9 +353,7 @@ def _with_drivetrain(blocks: FittedBlocks, **changes: Any) -> FittedBlocks:
 
 def substitute(blocks: FittedBlocks, paths: Iterable[str], numbers: Any) -> FittedBlocks:
     """Return the blocks with `numbers` at `paths`. The numbers can be traced; their range is not checked."""
-    for k, path in enumerate(paths):
-        blocks = with_value(blocks, path, numbers[k])
-    return blocks
+    return with_values(blocks, [(path, numbers[k]) for k, path in enumerate(paths)])
 
 
 def fixed_columns(free: list[FreeParameter], u: np.ndarray) -> list[int]:

@@ -15,7 +15,7 @@ from baqueano.identify.parameters.free import substitute, value
 from baqueano.identify.parameters.theta import START_NAMES, ThetaShape
 from baqueano.sensors.sampling import constant_signal, step_signal
 from baqueano.signals import ByName, Motion, sensor_slots
-from baqueano.symbolic import scan, with_value
+from baqueano.symbolic import scan, with_value, with_values
 from baqueano.symbolic.scan import Scan
 
 CACHED_KERNELS = 24  # kernels in the cache
@@ -155,9 +155,7 @@ def cached_kernel(
     blocks: FittedBlocks, shape: ThetaShape, backend: str, trace: Callable[..., K], *arguments: Any
 ) -> K:
     """Return `trace(blocks, shape, backend, *arguments)`, cached for fits with the same structure and fixed numbers."""
-    shape_blocks = blocks
-    for path in shape.paths:
-        shape_blocks = with_value(shape_blocks, path, 0.0)
+    shape_blocks = with_values(blocks, [(path, 0.0) for path in shape.paths])
     key = (trace, arguments, _fingerprint(shape_blocks), shape, backend)
     if key not in _kernels:
         _kernels[key] = trace(blocks, shape, backend, *arguments)
@@ -169,12 +167,14 @@ def cached_kernel(
 
 def _fingerprint(tree: Any) -> Any:
     """Return a hashable copy of all numbers in a tree of blocks. Two trees with the same copy give the same trace."""
-    if is_dataclass(tree) and not isinstance(tree, type):
-        return (type(tree), *(_fingerprint(getattr(tree, f.name)) for f in fields(tree)))
+    if isinstance(tree, float):
+        return tree
     if isinstance(tree, np.ndarray):
         return (tree.shape, tree.tobytes())
     if isinstance(tree, tuple | list):
         return (type(tree), *map(_fingerprint, tree))
     if isinstance(tree, dict):
         return tuple((k, _fingerprint(v)) for k, v in tree.items())
+    if is_dataclass(tree) and not isinstance(tree, type):
+        return (type(tree), *(_fingerprint(getattr(tree, f.name)) for f in fields(tree)))
     return id(tree) if isinstance(tree, Callable) else tree
