@@ -38,7 +38,7 @@ def scale_stds(vehicle_file: "VehicleFile", imu: str) -> np.ndarray:
     sensor = getattr(vehicle_file.sensors, imu)
     scales = [(f"sensors.{imu}.{field}", entry) for field, entry in CHANNELS]
     values = [float(np.ravel(getattr(sensor, field))[entry]) for field, entry in CHANNELS]
-    stds = [_declared_std(vehicle_file, vehicle_file, path, entry) for path, entry in scales]
+    stds = [_declared_stds(vehicle_file, vehicle_file, path)[entry] for path, entry in scales]
     return np.array(stds) / np.abs(values)
 
 
@@ -55,9 +55,9 @@ def declared_covariance(
     stds: dict[str, float] = {}
     for owner, block in blocks_by_name.items():
         for field, p in all_parameters(block, owner):
-            names = entry_paths(field, np.shape(value_at_path(blocks, field)))
-            for entry, path in enumerate(names if p.role != "noise" and not p.walk else ()):
-                stds[path] = _declared_std(vehicle_file, blocks, field, entry)
+            if p.role != "noise" and not p.walk:
+                names = entry_paths(field, np.shape(value_at_path(blocks, field)))
+                stds |= zip(names, _declared_stds(vehicle_file, blocks, field).tolist(), strict=True)
         if with_zero and has_field(block, "gyro_bias"):
             stds[f"{owner}.gyro_bias"] = assumed_gyro_bias_std(vehicle_file, owner.removeprefix("sensors."))
     stds = {path: std for path, std in stds.items() if std > 0.0 and path not in exact_names}
@@ -77,30 +77,29 @@ def entry_paths(path: str, shape: tuple[int, ...]) -> list[str]:
     return [f"{path}[{','.join(map(str, index))}]" for index in np.ndindex(shape)] if shape else [path]
 
 
-def _declared_std(vehicle_file: "VehicleFile", tree: Tree, path: str, entry: int) -> float:
-    """Return the standard deviation of entry `entry` of a parameter of `tree`, 0 if it is unknown.
+def _declared_stds(vehicle_file: "VehicleFile", tree: Tree, path: str) -> np.ndarray:
+    """Return the standard deviations (n,) of the entries of a parameter of `tree`, 0 if they are unknown.
 
-    It comes from a measurement, else from the key of the sensor, else from a data sheet.
+    They come from a measurement, else from the key of the sensor, else from a data sheet.
     """
     owner, _, field = path.rpartition(".")
-    block = value_at_path(tree, owner)
-    p, size = dict(parameters(block))[field], abs(float(_entry(getattr(block, field), entry)))
-    origin = vehicle_file.provenance.get(path)
-    if (
-        origin is not None
-        and origin.std is not None
-        and np.isfinite(measured_std := _entry(origin.std, entry))
-    ):
-        return float(measured_std)
+    block, origin = value_at_path(tree, owner), vehicle_file.provenance.get(path)
+    p, sizes = dict(parameters(block))[field], np.abs(np.ravel(np.asarray(getattr(block, field), float)))
+    stds = np.zeros(len(sizes))
     if is_imu(block) and p.role == "scale" and (not p.std or p.std not in _table(vehicle_file, owner)):
-        return size * tolerance_std(SCALE_TOLERANCE)
-    return size * float(_entry(getattr(block, p.std), entry)) if p.std and not p.walk else 0.0
+        stds = sizes * tolerance_std(SCALE_TOLERANCE)
+    elif p.std and not p.walk:
+        stds = sizes * _entries(getattr(block, p.std), len(sizes))
+    if origin is None or origin.std is None:
+        return stds
+    measured_stds = _entries(origin.std, len(sizes))
+    return np.where(np.isfinite(measured_stds), measured_stds, stds)
 
 
-def _entry(values: Tree, entry: int) -> float:
-    """Return one entry of an array; the last one if it has fewer entries."""
+def _entries(values: Tree, count: int) -> np.ndarray:
+    """Return the first `count` entries of an array; the last one is repeated if it has fewer entries."""
     values_1d = np.ravel(np.asarray(values, float))
-    return float(values_1d[min(entry, len(values_1d) - 1)])
+    return values_1d[np.minimum(np.arange(count), len(values_1d) - 1)]
 
 
 def _table(vehicle_file: "VehicleFile", path: str) -> JsonObject:

@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterator
 import numpy as np
 
 from baqueano.contracts.optional import is_dynamic
-from baqueano.contracts.values import Tree, Value
+from baqueano.contracts.values import Tree
 from baqueano.messages.language import mark as N_
 from baqueano.parameter import all_parameters
 from baqueano.symbolic import value_at_path, with_value
@@ -24,6 +24,8 @@ SHORT_TIME_S = 1e-6  # a time so short that velocities do not decay
 MAX_YAW_RATE_RATIO = 0.5  # largest ratio between the yaw rates of the first and the last command
 DRAG_SPEEDS = (5.0, 10.0, 15.0)  # in units of the speed of the dry friction
 SMALL_SPEED = 1e-8  # a speed below the range in which friction changes
+MIXED_MOTION = np.array([1.0, 0.7, 0.4])  # along all axes: no effect is 0
+MIN_RATE = 1e-9  # change of a rate [1/s] below which a parameter has no effect on it
 
 
 def coasting_axes(vehicle: DynamicVehicle) -> tuple[int, ...]:
@@ -66,7 +68,8 @@ def quadratic_damping(
     freedoms = coasting_axes(vehicle) if freedoms is None else freedoms
     double_rates = dict(_entry_rates(vehicle, fields, freedoms, 2.0))
     for path, entry_rates in _entry_rates(vehicle, fields, freedoms, 1.0):
-        k, double_step = entry_rates[1] - entry_rates[0], double_rates[path][1] - double_rates[path][0]
+        rates = double_rates.get(path, entry_rates)
+        k, double_step = entry_rates[1] - entry_rates[0], rates[1] - rates[0]
         if np.any(k > 1e-6) and np.allclose(2.0 * k, double_step, rtol=1e-3):
             yield path, np.where(k > 1e-6, k, 0.0)
 
@@ -80,14 +83,20 @@ def _entry_rates(
         if path not in fields or p.low > 0.0 or p.high < 2.0 or path.startswith("model.drivetrain"):
             continue
 
-        def rates(path: str, value: Value) -> np.ndarray:
-            return _rates(with_value(model, path, value)["model"], freedoms, speed)
-
         shape = np.shape(value_at_path(model, path))
-        change = rates(path, np.full(shape, 1.0)) - rates(path, np.full(shape, 0.0))
-        for index in np.ndindex(shape) if np.any(np.abs(change) > 1e-6) else ():
+        for index in np.ndindex(shape) if _changed_axes(model, path, np.ones(shape), speed) else ():
             entry_path = f"{path}[{','.join(map(str, index))}]" if index else path
-            yield entry_path, [rates(entry_path, x) for x in (0.0, 1.0, 2.0)]
+            axes = _changed_axes(model, entry_path, np.ones(()), speed).intersection(freedoms)
+            changed_models = [with_value(model, entry_path, x)["model"] for x in (0.0, 1.0, 2.0)]
+            yield entry_path, [_rates(changed_model, tuple(axes), speed) for changed_model in changed_models]
+
+
+def _changed_axes(model: dict[str, Tree], path: str, ones: np.ndarray, speed: float) -> set[int]:
+    """Return the axes along which a parameter at `path` changes ν̇ of a motion along all axes."""
+    nu = speed * MIXED_MOTION
+    vehicles = [with_value(model, path, x)["model"] for x in (0.0 * ones, ones)]
+    at_zero, at_one = (vehicle.nu_dot(nu, np.zeros(vehicle.commands), 0.0) for vehicle in vehicles)
+    return {*np.flatnonzero(np.abs(at_one - at_zero) > MIN_RATE * speed).tolist()}
 
 
 def _rates(vehicle: DynamicVehicle, index: tuple[int, ...], speed: float = SMALL_SPEED) -> np.ndarray:
