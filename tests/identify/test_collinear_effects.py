@@ -21,7 +21,7 @@ def residuals_and_effect(own_fraction):
     mask, run, is_free = np.ones(ROWS, bool), np.zeros(ROWS, int), np.ones(1, bool)
     segments = [(misfit[:, None], -d[:, None, None])]
     fit = score_test_residuals(segments, mask, run, is_free, [], float(np.sum(d**2)))
-    return fit, (np.sqrt(1.0 - own_fraction) * d + np.sqrt(own_fraction) * signal)[None, :]
+    return fit, (np.sqrt(1.0 - own_fraction) * d + np.sqrt(own_fraction) * signal)[None, :, None]
 
 
 def effect_on(own_fraction):
@@ -46,7 +46,7 @@ def test_an_effect_and_its_size_are_those_of_a_fit_with_the_bound_of_the_paramet
     low, high = (np.array([x]) for x in sorted([part * test.shift[0], -9.0 * np.sign(test.shift[0])]))
     bounded_result = bounded_test(fit, test, low, high)
 
-    d, D, w = fit.d[0], D[0], fit.w
+    d, D, w = fit.d[0], D[0, :, 0], fit.w
     signal = D - d * (D @ (w * d)) / (d @ (w * d))  # the score of θ is 0 at a minimum
 
     def cost(x):

@@ -46,7 +46,7 @@ def test_the_sensitivity_column_equals_the_response_to_a_small_push(end, code, a
     problem, theta = end.task.problem, end.search.solution.theta
     now = fitted_motion(end.blocks, problem, theta)
     columns = [
-        (D[k], term.speed)
+        (D[k].ravel(), term.speed)
         for block, D in term_columns(end.blocks, problem, now)()
         for k, term in enumerate(block)
         if term.code == code
@@ -79,7 +79,8 @@ def test_testing_part_of_a_run_equals_testing_a_masked_column(end):
     assert residuals.nuisances  # biases
     for mask, answers in zip(masks, score_test_parts(residuals, masks), strict=True):
         present = np.repeat(mask, len(residuals.clipped_residuals) // n)
-        for part, total in zip(answers, score_test(residuals, residuals.d * present), strict=True):
+        D = (residuals.d * present).reshape(len(residuals.d), n, -1)
+        for part, total in zip(answers, score_test(residuals, D), strict=True):
             np.testing.assert_allclose(part.size, total.size, rtol=1e-6)
             np.testing.assert_allclose([part.z, part.freedom], [total.z, total.freedom], rtol=1e-6)
             np.testing.assert_allclose(
@@ -92,7 +93,7 @@ def test_the_score_test_ignores_a_diverged_probe(end):
     residuals = fit_residuals(problem, theta, np.ones(problem.size, bool))
     D = np.stack([residuals.d[0] ** 2, np.full(len(residuals.clipped_residuals), 1.0)])
     D[1, 50:] = np.inf
-    sound, far_test = score_test(residuals, D)
+    sound, far_test = score_test(residuals, D.reshape(2, len(residuals.run), -1))
     assert sound.size != 0.0
     assert (far_test.size, far_test.z) == (0.0, 0.0)
     assert not far_test.shift.any()

@@ -326,9 +326,7 @@ def test_understeer_is_advised_only_if_the_yaw_rate_is_too_small(z, fix):
     """A car that oversteers turns faster than the model."""
     gain, std, infinite = np.array([0.4]), np.array([0.01]), np.array([np.inf])
     without_biases, names, shift = SimpleNamespace(nuisances=[]), ["model.steering_gain"], np.array([0.1])
-    fit = residual_checks._FitEvidence(
-        without_biases, names, gain, std, -infinite, infinite, np.ones(1), 0, {}
-    )
+    fit = residual_checks._FitEvidence(without_biases, names, gain, std, -infinite, infinite, 0, {})
     tests = [(Effect("cornering, psi", note("term.cornering")), ScoreTest(z, z, 58.0, shift, [], 1.0))]
     (result,) = residual_checks._missing_terms(fit, tests, load("car").vehicle)
     assert result.message.fix == fix

@@ -31,7 +31,7 @@ def test_an_effect_changes_parameters_and_entries_of_each_run_as_in_a_regression
     own = is_fitted[SHARED:].reshape(RUNS, OWN)
     nuisances = [Nuisance(slice(k * ROWS, (k + 1) * ROWS), SHARED, own[k]) for k in range(RUNS)]
     residuals = score_test_residuals(segments, np.ones(len(r), bool), run, is_fitted[:SHARED], nuisances, 1e9)
-    (test,) = score_test(residuals, D[None].copy())
+    (test,) = score_test(residuals, D.reshape(1, -1, CHANNELS).copy())
     assert test.size == pytest.approx(size)
     np.testing.assert_allclose(test.shift, changes[: SHARED - 1], atol=1e-9)
     shift = nuisance_shift(residuals, test, RUNS)

@@ -59,6 +59,8 @@ def gram(x: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
 
 def inner(x: np.ndarray, y: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
     """Return Σ w x yᵀ (p, q) over the rows of x (n, p) and of y (n, q), with the weights w (n,), or 1."""
+    if len(x) * x.shape[1] * y.shape[1] <= CACHED_OPERATIONS:
+        return (x if weight is None else x * weight[:, None]).T @ y
     product = np.zeros((x.shape[1], y.shape[1]))
     for rows in cache_slices(len(x), product.size):
         product += (x[rows] if weight is None else x[rows] * weight[rows, None]).T @ y[rows]

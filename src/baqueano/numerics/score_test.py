@@ -168,25 +168,28 @@ def _subtract(D: np.ndarray, projection: np.ndarray, d: np.ndarray) -> None:
 
 
 def score_test(fit: FitResiduals, D: np.ndarray) -> list[ScoreTest]:
-    """Return the test of each effect, a column of D (K, N m): the change of the prediction in standard deviations. A
+    """Return the test of each effect, a column of D (K, N, m): the change of the prediction in standard deviations. A
     column that diverged is treated as 0."""
     sums = _sums(fit, D)
     is_infinite = ~np.isfinite(sums.energy)
     for effect_sums in (sums.energy, sums.total, sums.cross, *sums.nuisances) if is_infinite.any() else ():
         effect_sums[is_infinite] = 0.0
-    return _score_tests(fit, sums, lambda k: D[k])
+    return _score_tests(fit, sums, lambda k: D[k].reshape(len(k), -1))
 
 
 def _sums(fit: FitResiduals, D: np.ndarray) -> _ScoreSums:
-    """Return the sums for the columns D (K, N m)."""
-    energy, products = np.zeros(len(D)), np.zeros((len(fit.weighted_rows), len(D)))
+    """Return the sums for the columns D (K, N, m)."""
+    count, n, m = D.shape
+    energy, products = np.zeros(count), np.zeros((len(fit.weighted_rows), count))
     with np.errstate(invalid="ignore", over="ignore"):
-        for rows in cache_slices(D.shape[1], products.size):
-            columns = D.T[rows]
-            energy += np.einsum("n,nk->k", fit.w[rows], columns * columns)
-            products += fit.weighted_rows[:, rows] @ columns
+        for rows in cache_slices(n, m * products.size):
+            columns = D[:, rows].transpose(1, 2, 0).reshape(-1, count)  # copied part by part: in the cache
+            span = slice(rows.start * m, rows.stop * m)
+            energy += fit.w[span] @ (columns * columns)
+            products += fit.weighted_rows[:, span] @ columns
         summed_nuisances = [
-            _product(D[:, nuisance.columns], nuisance.weighted_slopes.T) for nuisance in fit.nuisances
+            _product(D[:, nuisance.rows].reshape(count, -1), nuisance.weighted_slopes.T)
+            for nuisance in fit.nuisances
         ]
     return _ScoreSums(energy, products[-1], products[:-1].T, summed_nuisances)
 
@@ -258,7 +261,8 @@ def _part_sums(x: np.ndarray, y: np.ndarray, pattern: np.ndarray, part_masks: np
     sums, m = np.empty((len(edges) - 1, k, q)), len(x) // max(len(order), 1)
     for total, (a, b) in zip(sums, pairwise((edges * m).tolist()), strict=True):
         total[...] = inner(x[a:b], y[a:b])
-    return (part_masks[:, order[edges[:-1]]].astype(float) @ sums.reshape(len(sums), -1)).reshape(-1, k, q)
+    groups = part_masks[:, order[edges[:-1]]].T.astype(float)
+    return inner(groups, sums.reshape(len(sums), -1)).reshape(-1, k, q)
 
 
 def _score_tests(

@@ -76,7 +76,7 @@ class Effect(NamedTuple):
     speed: np.ndarray | float = 0.0  # (N,) change of ν_x [m/s] by a unit of the effect
 
 
-# effects, and their columns D (K, N m) in standard deviations
+# effects, and their columns D (K, N, m) in standard deviations
 TermColumns: TypeAlias = tuple[list[Effect], np.ndarray]
 
 
@@ -102,15 +102,16 @@ def _term(code: str) -> Diagnostic:
     return note(f"term.{code.replace(' ', '-')}")
 
 
-def command_features(w: np.ndarray, record: FitRecord) -> np.ndarray:
-    """Return φ (N, 4 c) of one segment with channels w (N, c), relative to their largest value.  (2)"""
+def command_features(w: np.ndarray, record: FitRecord) -> tuple[np.ndarray, ...]:
+    """Return φ, four times (N, c), of one segment with channels w (N, c), relative to their largest value.  (2)"""
     t, magnitude = np.cumsum(record.dt_s), np.abs(w)
     fading = w * (t / t[-1] - 0.5)[:, None]
-    return np.concatenate([np.tanh(w / SIGN_WIDTH), w * magnitude, magnitude, fading], axis=1)
+    return np.tanh(w / SIGN_WIDTH), w * magnitude, magnitude, fading
 
 
-def motion_features(axis: int, nu: np.ndarray, record: FitRecord, dry_speed: float) -> np.ndarray:
-    """Return φ (N, 11) of one segment with motion ν (N, 3) and the speed ν_k of dry friction: (3), then (4) or (5)."""
+def motion_features(axis: int, nu: np.ndarray, record: FitRecord, dry_speed: float) -> tuple[np.ndarray, ...]:
+    """Return φ, 11 times (N, 1), of one segment with motion ν (N, 3): (3) with the speed ν_k of dry friction, then (4)
+    or (5)."""
     u, s = nu[:, axis : axis + 1], nu[:, axis : axis + 1] / dry_speed
     v = u / max(float(np.max(np.abs(u))), 1e-9)
     x, w, magnitude = nu[:, :1], nu[:, 2:], np.abs(v)
@@ -118,7 +119,7 @@ def motion_features(axis: int, nu: np.ndarray, record: FitRecord, dry_speed: flo
     corners = (*force, x * w) if axis == 0 else (*torque, w * np.abs(w))
     flips = decay_since_sign_change(v, np.cumsum(record.dt_s), DECAY_S)
     dry_force, width = np.tanh(v / SIGN_WIDTH), s * (1.0 - np.tanh(s) ** 2)
-    return np.concatenate([dry_force, v * magnitude, v * v * v, magnitude, flips, width, *corners], axis=1)
+    return dry_force, v * magnitude, v * v * v, magnitude, flips, width, *corners
 
 
 class ForcedState(NamedTuple):
@@ -186,7 +187,7 @@ def _reading_columns(blocks: FittedBlocks, problem: Residuals, fit_motion: Fitte
     for record, motion, weight in zip(problem.records, fit_motion.motions, problem.weights, strict=True):
         readings = _reading_terms(blocks, problem, record, motion)
         terms = [Effect(code, term_note) for code, term_note, _ in readings]
-        columns.append(np.stack([(D * weight).ravel() for _, _, D in readings]))
+        columns.append(np.stack([D * weight for _, _, D in readings]))
     return terms, np.concatenate(columns, axis=1)
 
 
@@ -204,8 +205,9 @@ def _force_columns(
 
     def segment_rows(k: int) -> np.ndarray:
         record, nu = problem.records[k], fit_motion.motions[k].nu
-        phi = [command_features(channels[k] / scale, record)]
-        phi += [motion_features(axis, nu, record, speeds[axis]) for axis in FORCE_AXES]
+        phi = [*command_features(channels[k] / scale, record)]
+        for axis in FORCE_AXES:
+            phi += motion_features(axis, nu, record, speeds[axis])
         return motion_rows(record, problem.weights[k], *phi, *mean_columns(record, problem.shape.means))
 
     def derivatives(k: int, rows: np.ndarray) -> np.ndarray:
@@ -225,7 +227,7 @@ def _force_columns(
         D = D if len(index) == len(candidates) else D[:, :, index]
         forces = zip((candidates[k] for k in index), D[:, -1].T, strict=True)
         terms = [Effect(f"{force.code}, {AXES[force.axis]}", force.description, x) for force, x in forces]
-        return terms, D[:, :-1].reshape(-1, len(index)).T
+        return terms, D[:, :-1].transpose(2, 0, 1)
 
     return columns
 
