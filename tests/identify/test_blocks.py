@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, fit as module, identify
-from baqueano.identify.covariance.clusters import BLOCK_S, MIN_REMAINDER, jackknife, with_larger_errors
-from baqueano.identify.covariance.information import Information, information, parameter_cov
+from baqueano.identify.covariance.clusters import BLOCK_S, jackknife, with_larger_errors
+from baqueano.identify.covariance.information import (
+    Information,
+    UncertainParameters,
+    information,
+    joint_information,
+    parameter_cov,
+)
 from baqueano.identify.result.assemble import assemble_fit
+from baqueano.numerics.block_sums import MIN_REMAINDER
 from baqueano.numerics.statistics import HUBER
 from baqueano.runs.run import Run, TruthLog
 from tests.identify.true_drives import cars_on_floor
@@ -53,9 +60,9 @@ def test_excluding_a_block_shifts_the_fit_by_one_gauss_newton_step(end):
             moves.append(np.linalg.solve(H[np.ix_(identifiable, identifiable)], g[identifiable]))
     errors = np.array(moves) - np.mean(moves, axis=0)
     expected = (len(moves) - 1) / len(moves) * errors.T @ errors
-    cov = jackknife(problem, theta, identifiable, info.bread)
+    cov = jackknife(info, problem.layout, identifiable)
     assert cov is not None
-    assert jackknife(problem, theta, identifiable, info.bread, by_segment=True) is None  # the runs are whole
+    assert jackknife(info, problem.layout, identifiable, by_segment=True) is None  # the runs are whole
     root = np.sqrt(np.diagonal(expected))
     np.testing.assert_allclose(cov / np.outer(root, root), expected / np.outer(root, root), atol=1e-6)
 
@@ -156,8 +163,10 @@ def test_the_jackknife_excludes_segments_in_which_the_model_diverged(case, case_
     theta = fit.search.solution.theta
     identifiable = np.flatnonzero(fit.identifiability.mask)
     ways = {"by_segment": False}, {"by_segment": True}
-    assert all(jackknife(problem, theta, identifiable, fit.info.bread, **s) is not None for s in ways)
+    assert all(jackknife(fit.info, problem.layout, identifiable, **s) is not None for s in ways)
     slopes = [(r, d.copy(), index) for r, d, index in problem.sensitivities(theta)]
     slopes[2][1][-1] = np.inf
     monkeypatch.setattr(problem, "sensitivities", lambda theta: slopes)
-    assert all(jackknife(problem, theta, identifiable, fit.info.bread, **s) is None for s in ways)
+    info = joint_information(problem, theta, UncertainParameters((), np.zeros((0, 0))))
+    assert np.isfinite(info.bread).all()
+    assert all(jackknife(info, problem.layout, identifiable, **s) is None for s in ways)

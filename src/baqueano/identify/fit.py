@@ -23,7 +23,7 @@ from baqueano.contracts.calls import checked_call
 from baqueano.diagnostics import note
 from baqueano.identify import imu_only
 from baqueano.identify.battery import with_shown_battery
-from baqueano.identify.covariance.information import fixed_parameters
+from baqueano.identify.covariance.information import fixed_parameters, uncertain_parameters
 from baqueano.identify.dataset import Dataset, dataset, parameters_of
 from baqueano.identify.estimation.delay import (
     DUTY_STEP_PATH,
@@ -221,13 +221,13 @@ def conclude(
     >>> str(conclude(data, parameters, *solve(Residuals.from_parameters(parameters), parameters)).verdict)
     'USABLE'
     """
-    best, identifiability, info = fix_unidentifiable(task, result, parameters.free)
+    has_zero = options.biases and has_offset(data.vehicle_file.vehicle)
+    uncertain = uncertain_parameters(data.vehicle_file, parameters.blocks, result.problem, has_zero)
+    best, identifiability, info, joint_info = fix_unidentifiable(task, result, parameters.free, uncertain)
     # the bounds of the search are those of one tick if the delay is free
     task = task._replace(low=parameters.low, high=parameters.high, problem=best.problem)
-    best, has_zero = with_bound_flags(task, best), options.biases and has_offset(data.vehicle_file.vehicle)
-    fixed = fixed_parameters(
-        data.vehicle_file, parameters.blocks, best.problem, best.solution, identifiability.mask, has_zero
-    )
+    best = with_bound_flags(task, best)
+    fixed = fixed_parameters(uncertain, joint_info, best.problem, best.solution, identifiability.mask)
     end = FinishedFit(
         data.vehicle_file, parameters, task, best, identifiability, info, fixed, data.note, data.findings,
         score_test=options.diagnose,

@@ -21,11 +21,17 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, note
-from baqueano.identify.covariance.information import FixedParameters, Information, information, parameter_cov
+from baqueano.identify.covariance.information import (
+    FixedParameters,
+    Information,
+    UncertainParameters,
+    joint_information,
+    parameter_cov,
+)
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.parameters.free import DELAY_PATH, FreeParameter
-from baqueano.identify.parameters.theta import Parameters, eliminate_starts
+from baqueano.identify.parameters.theta import Parameters
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import parallel_map
 from baqueano.sensors.imu import SCALE_TOLERANCE
@@ -148,10 +154,10 @@ def _signal_scale(by_channel: np.ndarray, signal_energy: np.ndarray) -> np.ndarr
 
 
 def fix_unidentifiable(
-    task: Task, end: Search, free: Sequence[FreeParameter]
-) -> tuple[Search, Identifiability, Information]:
+    task: Task, end: Search, free: Sequence[FreeParameter], uncertain: UncertainParameters
+) -> tuple[Search, Identifiability, Information, Information]:
     """Repeat the search until all unidentifiable entries of θ are fixed at their start. Return the search, the
-    identifiability, and the information. `free` are the first entries of θ.
+    identifiability, the information, and that with the `uncertain` parameters. `free` are the first entries of θ.
 
     The start of a fixed entry can drive an entry with which it is confused to its bound. Then that entry is fixed
     instead. Otherwise the rest of the error would bias the other parameters. A poorly identified entry at a bound is
@@ -163,17 +169,16 @@ def fix_unidentifiable(
     count = problem.layout.first_start if is_split else problem.size
     is_fixed, collinear, partners = np.zeros(count, bool), {}, {}
     released_entry: int | None = None  # an entry that was fixed first, and the result with it
-    first_result: tuple[Search, Identifiability, Information] | None = None
+    first_result: tuple[Search, Identifiability, Information, Information] | None = None
     while True:
         problem, theta = end.problem, end.solution.theta
-        info = information(problem, theta)
-        if is_split:
-            A, B = eliminate_starts(info.bread, info.meat, problem.layout)
-            info = info._replace(bread=A, meat=B)
-        by_channel = info.channel_information[:, :count]
+        joint_info = joint_information(problem, theta, uncertain)
+        s, added_count = problem.layout.shared_count, len(uncertain.added_paths(problem))
+        info = joint_info.part(np.r_[:s, s + added_count : count + added_count])
+        by_channel = info.channel_information
         if task.prior_sigma is not None:  # a hand measurement does not have a signal to compare with
             by_channel = by_channel * (task.prior_sigma == 0.0)[:, None]
-        info = info._replace(channel_information=by_channel)
+        info = info._replace(channel_information=by_channel, shared_count=count)
         span = (task.high - task.low)[:count]
         span[[k for k, parameter in enumerate(free) if parameter.path == DELAY_PATH]] = np.inf
         identifiability = assess_identifiability(
@@ -188,7 +193,7 @@ def fix_unidentifiable(
                 mask=identifiability.mask & (np.arange(count) != near_start)
             )
         if np.array_equal(~identifiability.mask, is_fixed):
-            result = end, identifiability._replace(collinear=collinear), info
+            result = end, identifiability._replace(collinear=collinear), info, joint_info
             pair = None if first_result else _bounded_pair(task, theta, is_fixed, partners, free)
             if pair is None:
                 return result
@@ -259,7 +264,7 @@ def signal_energy(problem: Residuals, theta: np.ndarray) -> np.ndarray:
 def has_one_mean(problem: Residuals) -> np.ndarray:
     """Return a mask (m,), True for channels whose mean is not explained by a start, a bias, or a position."""
     by_run = {name.split(".")[1] for name in problem.shape.by_run}
-    sensors = problem._blocks.sensors._asdict()
+    sensors = problem.blocks.sensors._asdict()
     has_start = bool(problem.shape.start)
     is_explained = [has_start or name in by_run or measures_pose(sensors[name]) for name in problem.names]
     return np.repeat(~np.array(is_explained, bool), problem.sizes)

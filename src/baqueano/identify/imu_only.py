@@ -107,7 +107,7 @@ def _without_advice(message: Diagnostic) -> Diagnostic:
 def _with_jackknife(end: FinishedFit) -> Information:
     """Return the information, with the covariance enlarged by the scatter between parts of the run."""
     identifiable = np.flatnonzero(end.identifiability.mask)
-    cov = jackknife(end.task.problem, end.search.solution.theta, identifiable, end.info.bread)
+    cov = jackknife(end.info, end.task.problem.layout, identifiable)
     return end.info if cov is None else with_jackknife(end.info, identifiable, cov)
 
 

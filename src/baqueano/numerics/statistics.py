@@ -19,8 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from baqueano.numerics.parallel import gram
-
 QUANTILE_95 = 1.959963984540054  # standard deviations within which 95 % of a normal distribution lie
 MAD = 1.4826022185056018  # 1 / Φ⁻¹(3/4)
 CLIP_SIGMA = 4.0  # standard deviations beyond which an error is clipped
@@ -222,10 +220,3 @@ def largest_errors_cov(errors: np.ndarray) -> np.ndarray:
 def row_cov(r: np.ndarray) -> np.ndarray:
     """Return the covariance (m, m) of rows r (N, m)."""
     return np.atleast_2d(np.cov(r.T)) if len(r) > 1 else np.zeros((r.shape[1], r.shape[1]))
-
-
-def white_sums(r: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return A and B (p, p) for white residuals (N, m) with derivatives (N, m, p): Σ ψ' ∂r ∂rᵀ and Σ ψ² ∂r ∂rᵀ."""
-    magnitude, d = np.abs(r).ravel(), d.reshape(r.size, d.shape[-1])
-    # few residuals are clipped: subtracting them is faster than selecting the others
-    return gram(d) - gram(d[magnitude >= HUBER]), gram(d * np.minimum(magnitude, HUBER)[:, None])

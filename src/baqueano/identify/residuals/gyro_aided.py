@@ -68,7 +68,7 @@ class GyroAidedResiduals(Residuals):
 
     def _kernel(self, shape: ThetaShape, backend: str) -> Scan:
         """Return the scan from rows and θ to the residuals."""
-        return cached_kernel(self._blocks, shape, backend, _trace)
+        return cached_kernel(self.blocks, shape, backend, _trace)
 
     def speeds(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment |ν_x| (N,) of the gyro-aided simulation."""
@@ -85,7 +85,7 @@ class GyroAidedResiduals(Residuals):
 
     def _outputs(self, theta: np.ndarray) -> list[np.ndarray]:
         """Return for each segment (N, 3): ν_x with the gyro, the predicted gyro reading, and its derivative."""
-        kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, _trace, True)
+        kernel = cached_kernel(self.blocks, self.shape, self.scan.backend, _trace, True)
         return [
             np.asarray(kernel.run(rows, theta[index])[1])
             for rows, index in zip(self.rows, self._index, strict=True)

@@ -98,7 +98,7 @@ class Residuals:
         self.records = tuple(records)
         self.names: tuple[str, ...] = blocks.sensors._fields
         self.sizes = [s.size for s in blocks.sensors]
-        self._blocks = blocks
+        self.blocks = blocks
         row_count = sum(len(record.dt_s) for record in self.records)
         # per segment the input rows (N, q) of its kernel, and 1 at each measurement (N, m)
         self.rows = parallel_map(lambda x: _rows(x, self.names, shape), self.records, rows=row_count)
@@ -120,16 +120,18 @@ class Residuals:
         self.layout = theta_layout(shape, self.records)
         self._index, self._arrow_layout = self.layout.indices, arrow_layout(self.layout)
         self.size = self.layout.size
-        self._prior = self._start_prior()
+        self.prior = self._start_prior()
         self._results: OrderedDict[tuple[str, bytes], Any] = OrderedDict()
         self._slopes: tuple[bytes | None, list[Any]] = None, []  # θ, and the sensitivities there
 
     def _kernel(self, shape: ThetaShape, backend: str) -> Scan:
         """Return the scan from rows and θ to the residuals."""
-        return cached_kernel(self._blocks, shape, backend, _trace, self.difference)
+        return cached_kernel(self.blocks, shape, backend, _trace, self.difference)
 
     def with_paths(self, paths: Sequence[str]) -> Self:
         """Return the residuals as a function of more shared parameters, which follow the others in θ."""
+        if not paths:
+            return self
         residuals = copy(self)
         shape = self.shape._replace(shared_paths=(*self.shape.shared_paths, *paths))
         residuals._set_shape(shape, self.scan.backend)
@@ -181,22 +183,12 @@ class Residuals:
 
     def evaluate(self, theta: np.ndarray) -> Evaluation:
         """Return the Huber cost, its gradient (p,), and Σ w ∂r ∂rᵀ (p, p), summed over the runs."""
-        if len(self.rows) == 1 and not self._prior.any():
+        if len(self.rows) == 1 and not self.prior.any():
             return Evaluation(*self.scan.normal_equations(self.rows[0], theta, HUBER))
         parts = self._map_segments(
             lambda rows, index: Evaluation(*self.scan.normal_equations(rows, theta[index], HUBER))
         )
-        return segment_sum(parts, self._index, theta, self._prior, self._arrow_layout)
-
-    def gradient(self, theta: np.ndarray) -> np.ndarray:
-        """Return the gradient (p,) of the Huber cost, from the sensitivities."""
-        gradient, (r, d, index) = self._prior * theta, zip(*self.sensitivities(theta), strict=True)
-        sums = parallel_map(
-            lambda x, dx: np.einsum("tm,tmp->p", np.clip(x, -HUBER, HUBER), dx), r, d, rows=sum(map(len, r))
-        )
-        for entries, score in zip(index, sums, strict=True):
-            gradient[entries] += score
-        return gradient
+        return segment_sum(parts, self._index, theta, self.prior, self._arrow_layout)
 
     def at_estimate(self, theta: np.ndarray) -> Self:
         """Return the residuals with every value that depends on a fit, computed at θ (p,)."""
@@ -239,7 +231,7 @@ class Residuals:
 
     def motions(self, theta: np.ndarray) -> list[Motions]:
         """Return for each segment the motion and the predictions of the model, without timestamps between ticks."""
-        kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, motion_kernel)
+        kernel = cached_kernel(self.blocks, self.shape, self.scan.backend, motion_kernel)
         pairs = zip(self.records, self._index, strict=True)
         return [kernel.run(motion_rows(record), theta[index])[1] for record, index in pairs]
 
@@ -273,7 +265,7 @@ class Residuals:
         is_plain = self.difference is Residuals.difference
         kernel = self.scan
         if not is_plain:
-            kernel = cached_kernel(self._blocks, self.shape, self.scan.backend, _trace, Residuals.difference)
+            kernel = cached_kernel(self.blocks, self.shape, self.scan.backend, _trace, Residuals.difference)
 
         def segment_prediction(rows: np.ndarray, index: np.ndarray, z: np.ndarray) -> np.ndarray:
             return z - np.asarray(kernel.run(_fill(rows, self._weights, 1.0), theta[index])[1])

@@ -225,16 +225,14 @@ def _evidence(
 
 def _covariance(end: FinishedFit) -> np.ndarray:
     """Return the covariance of θ (p, p), NaN for fixed entries."""
-    mask, problem, theta = end.identifiability.mask, end.task.problem, end.search.solution.theta
+    mask, problem = end.identifiability.mask, end.task.problem
     identifiable, full_cov = np.flatnonzero(mask), np.full((len(mask), len(mask)), np.nan)
     if not len(identifiable):
         return full_cov
     index, cov = np.ix_(identifiable, identifiable), parameter_cov(end.info, identifiable)
     k = int(np.sum(identifiable < problem.layout.shared_count))
     for by_segment in () if end.is_filtered else (False, True):  # the innovations of a filter are white
-        scatter = jackknife(
-            problem, theta, identifiable, end.info.bread, is_limited=True, by_segment=by_segment
-        )
+        scatter = jackknife(end.info, problem.layout, identifiable, is_limited=True, by_segment=by_segment)
         cov = with_larger_errors(problem, cov, scatter, k, by_segment)
     full_cov[index] = cov + end.fixed.estimate_cov[index]
     return full_cov

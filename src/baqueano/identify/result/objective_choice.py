@@ -24,7 +24,6 @@ from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, note
 from baqueano.identify.covariance.clusters import (
     MIN_BLOCKS,
-    MIN_REMAINDER,
     block_duration_s,
     block_edges,
     segment_derivatives,
@@ -40,6 +39,7 @@ from baqueano.identify.estimation.prediction_error import (
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.verdict import MAX_NOISE_RATIO
 from baqueano.messages.language import number
+from baqueano.numerics.block_sums import MIN_REMAINDER
 from baqueano.numerics.normal_equations import projected_derivatives
 from baqueano.numerics.parallel import gram
 from baqueano.numerics.statistics import HUBER, change_covariance, huber_cost, student_quantile
