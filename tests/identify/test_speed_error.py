@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from baqueano.estimators.augmented.motion import MIN_SPEED_M_S, velocity_error
+from baqueano.estimators.augmented.motion import MIN_SPEED_M_S, reported_velocity_cov, velocity_error
 from baqueano.estimators.augmented_ekf import SCALE_INDEX
 from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.covariance.information import FixedParameters
@@ -38,7 +38,7 @@ def fit_with(names, std, shifts=(), speeds=()):
     return SimpleNamespace(
         names=tuple(names), std=np.array(std), cov=np.diag(np.square(std)) + unmodelled_cov, backend="auto",
         unmodelled_cov=unmodelled_cov, unmodelled_shifts=shifts,
-        unmodelled_speeds=np.array(speeds).reshape(-1, 2, 2),
+        unmodelled_speeds=np.array(speeds).reshape(-1, 2, 3),
         always_unobservable=(), fixed=no_fixed_parameters(p),
         blocks=FittedBlocks(SMALL.vehicle, sensor_slots(())()), file=SMALL,
     )  # fmt: skip
@@ -62,9 +62,9 @@ def test_a_wrong_force_of_the_motors_is_a_wrong_scale_of_the_speed():
 
 def test_a_lacking_effect_changes_the_speed_by_itself_and_by_its_shift():
     """A shift of 30 % that the effect cancels does not change the speed. Without the effect, it changes it by 30 %."""
-    force, own = SMALL.vehicle.actuator_matrix[0, 0], np.array([[-0.3, 0.0], [-0.3, 0.0]])
+    force, own = SMALL.vehicle.actuator_matrix[0, 0], np.array([[-0.3, 0.0, 0.0], [-0.3, 0.0, 0.0]])
     stds = []
-    for speeds in (own, 0.0 * own, own + np.array([0.0, 0.02])):
+    for speeds in (own, 0.0 * own, own + np.array([0.0, 0.02, 0.0])):
         fit = fit_with([FORCE], [0.05 * force], [[0.3 * force]], speeds)
         stds.append(claimed_std(with_speed_error(SMALL.estimator(), fit, [RUN]), CONSTANT_SPEED))
     without = claimed_std(with_speed_error(SMALL.estimator(), fit_with([FORCE], [0.05 * force]), [RUN]), 0.3)
@@ -97,6 +97,20 @@ def test_the_reported_speed_error_contains_the_errors_in_turns():
     ekf, rows = with_speed_error(ekf, fit, [run]), np.abs(nu_x) > MIN_SPEED_M_S
     claimed_variance = [claimed_std(ekf, v) ** 2 for v in nu_x[rows]]
     assert np.mean(claimed_variance) == pytest.approx(np.mean(predicted_variance[rows]), rel=0.1)
+
+
+def test_an_error_that_changes_sign_with_the_turn_is_claimed_in_turns():
+    """δν_x = δT u/d_x and ν_ψ = T_ψ u/d_ψ, by pencil: the centre of the turns is δT d_ψ/(T_ψ d_x) beside its place."""
+    std, steps = 0.2, random_steps([1.0, 0.0, 1.0], 60.0, SMALL.rate_hz, 1, hold_s=1.0)
+    fit = fit_with(["model.actuator_matrix[0,2]"], [std])
+    ekf = with_speed_error(SMALL.estimator(), fit, [simulate(SMALL, steps)])
+    T, d = SMALL.vehicle.actuator_matrix, SMALL.vehicle.friction.linear
+    assert ekf.lateral_offset_std_m == pytest.approx(std * d[2] / (T[2, 2] * d[0]), rel=0.2)
+    variances = [
+        reported_velocity_cov(e, np.array([CONSTANT_SPEED, 0.0, 2.0]), 0.0)[0, 0]
+        for e in (ekf, replace(ekf, lateral_offset_std_m=0.0))
+    ]
+    assert variances[0] - variances[1] == pytest.approx((2.0 * ekf.lateral_offset_std_m) ** 2)
 
 
 def test_without_errors_of_a_fit_the_data_sheet_gives_the_speed_error():

@@ -28,10 +28,13 @@ def test_the_enclosing_covariance_contains_each_error_in_any_direction(seed):
 
 
 def test_lines_by_sign_separate_forward_and_backward_rows():
-    x = np.array([0.1, 0.2, 0.4, -0.1, -0.3, 0.001, 0.3])
+    x = np.array([0.1, 0.2, 0.4, -0.1, -0.3, 0.001, 0.3, 0.4])
+    w = np.array([1.0, -2.0, 1.0, 0.0, 0.0, 0.0, 0.0, 2.0])
+    z = w[[0, 1, 2, 7]] - np.polyval(np.polyfit(x[[0, 1, 2, 7]], w[[0, 1, 2, 7]], 1), x[[0, 1, 2, 7]])
     y = np.where(x > 0.0, 2.0 * x + 0.5, 3.0 * x - 0.25)[:, None]
-    y[-1] = np.nan
-    forward, backward = lines_by_sign(x, y, 0.02)
-    np.testing.assert_allclose(forward.B[:, 0], [2.0, 0.5])
-    np.testing.assert_allclose(backward.B[:, 0], [3.0, 0.25])
-    assert (forward.share, backward.share) == (3 / 6, 2 / 6)
+    y[[0, 1, 2, 7], 0] += 0.7 * z
+    y[-2] = np.nan
+    forward, backward = lines_by_sign(np.stack([x, w], axis=1), y, 0.02)
+    np.testing.assert_allclose(forward.B[:, 0], [2.0, 0.5, 0.7])
+    np.testing.assert_allclose(backward.B[:, 0], [3.0, 0.25, 0.0])
+    assert (forward.share, backward.share) == (4 / 7, 2 / 7)

@@ -34,8 +34,8 @@ from baqueano.estimators.augmented.motion import (
     next_mean_disturbance,
     next_unmeasured_variance,
     predict_row,
+    reported_velocity_cov,
     velocity_error,
-    wheel_velocity_cov,
 )
 from baqueano.estimators.augmented.state import (
     BIAS_INDEX,
@@ -163,6 +163,12 @@ class AugmentedEkf:
         high=10.0,
         default=0.0,
     )
+    lateral_offset_std_m: float = parameter(
+        "m",
+        "σ_y: lateral error of the model's centre of turns; times the yaw rate, it is an error of the speed",
+        low=0.0,
+        default=0.0,
+    )
     noise_gain: float = parameter(
         "1",
         "share of one reading in the noise levels, which the filter adapts to the run; 0: the noise of the file",
@@ -244,7 +250,7 @@ class AugmentedEkf:
         )
         next_belief = tree_where(row.is_new, next_belief, belief)
         gain = (prediction.mean[3] - belief.mean[3]) / row.predicted_s
-        nu_cov = nu_cov + wheel_velocity_cov(self, next_belief.mean[3], gain)
+        nu_cov = nu_cov + reported_velocity_cov(self, next_belief.mean[3:6], gain)
         D = innovations.growth_factors * np.where(at_rest, _rest_mask(len(x.mean)), 1.0)
         G = np.where(row.is_new, D[:, None] * prediction.G, np.eye(len(D)))
         E = np.where(at_rest, states.resting_mask, driving_mask)

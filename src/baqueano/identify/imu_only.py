@@ -93,7 +93,7 @@ def make_imu_fit(end: FinishedFit) -> Fit:
     is_tyre = np.array([path.partition("[")[0] in fields for path in end.fixed.paths], bool)
     cov = np.outer(lag_errors, lag_errors) + end.fixed.cov_part(is_tyre)[:s, :s]
     evidence = basis.evidence._replace(messages=tuple(map(_without_advice, basis.evidence.messages)))
-    none = {"shifts": np.zeros((0, s)), "speed_changes": np.zeros((0, 2, 2)), "run_errors": 0.0}
+    none = {"shifts": np.zeros((0, s)), "speed_changes": np.zeros((0, 2, 3)), "run_errors": 0.0}
     diagnosis = basis.diagnosis._replace(unmodelled_cov=cov, **none)
     basis = basis._replace(diagnosis=diagnosis, evidence=evidence)
     return _with_notes(assemble_fit(end, basis), imu, scale_stds(end.vehicle_file, imu))

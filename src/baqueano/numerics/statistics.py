@@ -27,6 +27,7 @@ MAX_FREEDOM = 1000.0  # degrees of freedom above which Student's t is normal to 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(200)  # of a quadrature over (−1, 1)
 MIN_BLOCKS, DRAWS = 5, 2000  # (4): blocks for an interval, and draws
 ENCLOSING_STEPS = 100  # iterations of enclosing_cov
+MIN_UNEXPLAINED = 1e-6  # of the squares of w in lines_by_sign, so that rounding gives no slope
 
 
 @lru_cache(maxsize=1000)
@@ -178,22 +179,27 @@ def block_ratio(sums: np.ndarray, reference: np.ndarray) -> tuple[float, float, 
 
 
 class SignedLine(NamedTuple):
-    """Least-squares lines through the columns of y sgn x as functions of |x|, over the rows of one sign of x."""
+    """Least-squares lines through the columns of y sgn x as functions of |x|, over the rows of one sign of x. Their
+    residuals have a slope by w sgn x."""
 
     share: float  # of the rows with |x| > minimum
-    X: np.ndarray  # (n, 2) of |x| and 1
+    X: np.ndarray  # (n, 3) of |x|, 1 and the part of w sgn x that a line through |x| does not explain
     D: np.ndarray  # (n, q) y sgn x
-    B: np.ndarray  # (2, q) slopes and constants
+    B: np.ndarray  # (3, q) slopes and constants, slopes by w
 
 
-def lines_by_sign(x: np.ndarray, y: np.ndarray, minimum: float) -> list[SignedLine]:
-    """Return the lines of y (N, q) for positive and for negative x (N,), over finite rows with |x| > `minimum`."""
+def lines_by_sign(xw: np.ndarray, y: np.ndarray, minimum: float) -> list[SignedLine]:
+    """Return the lines of y (N, q) for positive and for negative x, over finite rows with |x| > `minimum`. `xw` (N, 2)
+    contains x and w; what |x| and w explain alike is counted for |x|."""
+    x, w = xw.T
     is_used, lines = np.isfinite(y).all(axis=1) & (np.abs(x) > minimum), []
     for sign in (1.0, -1.0):
         rows = is_used & (np.sign(x) == sign)
         X, D = np.stack([np.abs(x[rows]), np.ones(rows.sum())], axis=1), sign * y[rows]
-        share = float(rows.sum() / max((np.abs(x) > minimum).sum(), 1))
-        lines.append(SignedLine(share, X, D, np.linalg.pinv(X) @ D))
+        share, inverse = float(rows.sum() / max((np.abs(x) > minimum).sum(), 1)), np.linalg.pinv(X)
+        z = sign * w[rows] - X @ (inverse @ (sign * w[rows]))
+        B = np.concatenate([inverse @ D, [z @ D / max(z @ z, MIN_UNEXPLAINED * (w[rows] @ w[rows]), 1e-300)]])
+        lines.append(SignedLine(share, np.column_stack([X, z]), D, B))
     return lines
 
 

@@ -6,7 +6,7 @@
     ḋ = −(d − d̄)/T + noise  (Ornstein-Uhlenbeck, σ_d² about d̄),  d̄˙ = (d − d̄)/2 s;   γ̇ = −γ/T_γ + noise  (3)
     displacement += −w λ s / (1 + s/2) J(ψ) ν δ,   s the variance of the heading, w ~ N(0, 1)              (4)
     P_xx, P_yy += 2 T_s (σ_s ν_x)² δ,   var ν_x += (σ_s ν_x)² as reported:   slip, σ_s, T_s of a wheel    (5)
-    var ν_x += (ν̇_x τ)²/3   as reported, τ the time between two readings of a wheel                       (6)
+    var ν_x += (ν̇_x τ)²/3,  (σ_y ν_ψ)²   as reported; τ between readings of a wheel; σ_y: no speed sensor  (6)
     var ν_y += σ² ∫ g^(2 s/δ) ds = σ² δ (1 + 4 g + g²)/6,  s from 0 to δ,  g = ∂ν_y⁺/∂ν_y                  (7)
     K ν_x = (κ_v e + c κ_ψ) ν_x,  e² = ((|ν_x| − v₀)² + (σ₀/σ₁)²)/ν_x²,  κ_v ~ N(0, σ₁²): no speed sensor   (8)
     half of D before f and half after:   ν⁺ = δ D/2 + F(ν + δ D/2),   ∫ν −= δ² (f(ν⁺, e) − f(ν⁺ − δ D/2, e))/6   (9)
@@ -167,10 +167,12 @@ def slip_covariance(estimator: "AugmentedEkf", mean: np.ndarray, dt_s: Value) ->
     return np.diag(np.array([1.0, 1.0, 0.0])) * (2.0 * fade_s * dt_s * variance * mean[3] ** 2)
 
 
-def wheel_velocity_cov(estimator: "AugmentedEkf", speed: Value, gain: Value) -> np.ndarray:
-    """Return the covariance (3, 3) of ν relative to the wheels; `gain` is ν̇_x of the model [m/s²].  (5), (6)"""
+def reported_velocity_cov(estimator: "AugmentedEkf", nu: np.ndarray, gain: Value) -> np.ndarray:
+    """Return the covariance (3, 3) that ν has beside that of the state; `gain` is ν̇_x of the model [m/s²].  (5), (6)"""
     variance, _, period_s = _slip_values(estimator)
-    return np.diag(np.array([variance * speed**2 + (period_s * gain) ** 2 / 3.0, 0.0, 0.0]))
+    offset_m = 0.0 if layout(estimator).speed_is_measured else estimator.lateral_offset_std_m
+    speed_variance = variance * nu[0] ** 2 + (period_s * gain) ** 2 / 3.0 + (offset_m * nu[2]) ** 2
+    return np.diag(np.array([speed_variance, 0.0, 0.0]))
 
 
 def process_noise_cov(

@@ -67,7 +67,7 @@ SIDEWAYS_NOISE = ("velocity_walk_std[1]", 1e-4, 10.0)
 MOTOR_LAG_NOISE = (("motor_lag_std_s", 1e-3, 1.0),)
 FIELDS = (
     "disturbance_std", "disturbance_fade_s", "motor_lag_std_s", "velocity_walk_std", "course_std",
-    "speed_error_std", "least_error_speed_m_s", "speed_per_gyro_scale",
+    "speed_error_std", "least_error_speed_m_s", "speed_per_gyro_scale", "lateral_offset_std_m",
 )  # fmt: skip
 ROBUST_SIGMA = 6.0  # ρ is a square up to this limit, so that the long tails of model errors do not enlarge σ
 LOG_RANGE = 5.0  # range of the logarithm of a sensor's σ, on both sides of the file's value

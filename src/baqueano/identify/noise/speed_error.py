@@ -181,38 +181,37 @@ def _series(
 
 
 def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> AugmentedEkf:
-    """Return the filter with the lasting error of the model's speed. Without free parameters of the model, or with a
-    sensor of the speed, it is unchanged.
+    """Return the filter with the lasting error of the speed of a model with free parameters, unless it is measured.
 
-        ∂|ν_x|/∂θ ≈ a |ν_x| + b,   a, b (p,) by least squares over the runs, forward and backward separately  (3)
-        C = f Σ_i w_i [a b]ᵢᵀ P [a b]ᵢ + diag(σ_s², 0),   w_i the share of the direction i in the rows
-        var |ν_x| = C_aa ν_x² + 2 C_ab |ν_x| + C_bb = σ₀² + σ₁² (|ν_x| − v₀)²                                 (4)
+        ∂|ν_x|/∂θ ≈ a |ν_x| + b + d ω sgn ν_x,   a, b, d (p,) by least squares, forward and backward apart    (3)
+        C = Σ_i w_i [a b d]ᵢᵀ P [a b d]ᵢ + diag(σ_s², 0, 0),   w_i the share of the direction i in the rows
+        var ν_x = C_aa ν_x² + 2 C_ab |ν_x| + C_bb + C_dd ω² = σ₀² + σ₁² (|ν_x| − v₀)² + σ_y² ω²               (4)
         c = Σ_i w_i a_iᵀ ∂θ/∂κ_ψ
 
-    P is the covariance of the parameters of the model, without shifts by effects that it lacks. C gains the ellipse
+    P is the covariance of the parameters of the model, without shifts by effects that it lacks. C gains the ellipsoid
     that encloses the change of |ν_x| by each effect and its shift, which cancel for the most part. σ_s is the relative
-    error of the speed by the scales of the accelerometers; it is 0 if P contains it. κ_ψ is the error of the gyro's
-    scale: if it reads too much, the speed is too low, because the fit compares ν_x ν_ψ with a_y. f restores the
-    variance that (3) does not describe, as that of turns: the mean of ∂ν_x P ∂ν_xᵀ over the rows.
+    error of the speed by the scales of the accelerometers, 0 if P contains it. κ_ψ is the error of the gyro's scale: if
+    it reads too much, the speed is too low, because the fit compares ν_x ω with a_y. σ_y is a lateral error of the
+    centre of the turns. A factor of C_aa, C_ab, C_bb restores the variance beside that of a |ν_x| + b.
     """
     entries = [k for k, n in enumerate(fit.names) if n.startswith("model.") and np.isfinite(fit.std[k])]
     if layout(ekf).speed_is_measured or not entries:
         return ekf
     paths, P = tuple(fit.names[k] for k in entries), fit.cov[np.ix_(entries, entries)]
-    if len(fit.unmodelled_shifts):
-        P = P - fit.unmodelled_cov[np.ix_(entries, entries)]
-    kernel, theta = open_loop(fit.blocks.model, paths, lambda motion: motion.nu[:1], fit.backend)
+    P = P - bool(len(fit.unmodelled_shifts)) * fit.unmodelled_cov[np.ix_(entries, entries)]
+    kernel, theta = open_loop(fit.blocks.model, paths, lambda motion: motion.nu[::2], fit.backend)
     outputs = [kernel.sensitivities(motion_rows(make_record(run, {})), theta) for run in runs]
-    nu_x, derivatives = (np.concatenate(columns)[:, 0] for columns in zip(*outputs, strict=True))
-    C, c, modelled_sum, total, unmodelled_cov = np.zeros((2, 2)), 0.0, 0.0, 0.0, np.zeros((2, 2))
+    nu, derivatives = (np.concatenate(columns) for columns in zip(*outputs, strict=True))
+    C, c, modelled_sum, total, unmodelled_cov = np.zeros((3, 3)), 0.0, 0.0, 0.0, np.zeros((3, 3))
     gyro_shift, shifts = fit.fixed.gyro_shift(), fit.unmodelled_shifts[:, entries]
-    for k, (weight, X, D, B) in enumerate(lines_by_sign(nu_x, derivatives, MIN_SPEED_M_S)):
+    for k, (weight, X, D, B) in enumerate(lines_by_sign(nu, derivatives[:, 0], MIN_SPEED_M_S)):
         C += weight * (B @ P @ B.T)
         c -= weight * float(B[0] @ gyro_shift[entries])
-        modelled_sum += np.einsum("ni,ij,nj->", X @ B, P, X @ B)
+        modelled_sum += np.einsum("ni,ij,nj->", X[:, :2] @ B[:2], P, X[:, :2] @ B[:2])
         total += np.einsum("ni,ij,nj->", D, P, D)
         unmodelled_cov += weight * enclosing_cov(shifts @ B.T + fit.unmodelled_speeds[:, k])
-    C = C * (total / modelled_sum if modelled_sum > 0.0 else 1.0) + unmodelled_cov
+    C[:2, :2] *= total / modelled_sum if modelled_sum > 0.0 else 1.0
+    C += unmodelled_cov
     if any(message.code == SCALES_INCLUDED for message in fit.always_unobservable):
         c = 0.0
     else:
@@ -222,7 +221,8 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
     std = np.sqrt(np.maximum([C[1, 1] + least_error_speed * C[0, 1], C[0, 0]], 0.0))  # C_bb − C_ab²/C_aa
     if not (np.isfinite(std).all() and abs(c) < MAX_SPEED_PER_GYRO_SCALE):
         return ekf
-    return replace(ekf, speed_error_std=std, least_error_speed_m_s=least_error_speed, speed_per_gyro_scale=c)
+    ekf = replace(ekf, speed_error_std=std, least_error_speed_m_s=least_error_speed, speed_per_gyro_scale=c)
+    return replace(ekf, lateral_offset_std_m=float(np.sqrt(C[2, 2])))
 
 
 def with_truth_misfit(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> AugmentedEkf:

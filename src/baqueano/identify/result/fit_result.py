@@ -80,8 +80,8 @@ class Fit(Result):
     unmodelled_shifts : ndarray (n, p)
         Change of the estimates by each of these effects [unit of each], if its effect on the speed is known;
         divided by √3 for a difference between parts of the run.
-    unmodelled_speeds : ndarray (n, 2, 2)
-        Change of the speed by the effect itself, forward and backward: part of |ν_x| [no unit], and constant [m/s].
+    unmodelled_speeds : ndarray (n, 2, 3)
+        Change of |ν_x| by the effect itself, forward and backward: part of it [1], constant [m/s], per yaw rate [m].
     fixed : FixedParameters
         Uncertain parameters that were not fitted: their paths (K,), the mean square `cov` (K, K) of their errors,
         and `shifts` (K, p), the change of the estimates per change of each.
