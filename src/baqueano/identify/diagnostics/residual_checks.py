@@ -102,11 +102,11 @@ def check_residuals(
     fit = fit_residuals(problem, theta, identifiable)
     low, high = (bound[index] - theta[index] for bound in bounds)
     paths = [problem.shape.shared_paths[i] for i in index]
-    nu = np.zeros((len(fit.run), 3)) if motion is None else motion.nu
+    xw = np.zeros((len(fit.run), 2)) if motion is None else motion.nu[:, ::2]
     is_run_entry = identifiable[s : problem.layout.first_start].reshape(problem.layout.run_count, -1)
     count = int(is_run_entry.any(axis=1).sum())
     free = dict(zip(problem.shape.shared_paths, bounds[1][:s].tolist(), strict=True))
-    fit_evidence = _FitEvidence(fit, paths, theta[index], std[index], low, high, nu, count, free)
+    fit_evidence = _FitEvidence(fit, paths, theta[index], std[index], low, high, count, free)
     messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(fit_evidence, motion)
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
     missing_terms = _missing_terms(fit_evidence, tests, blocks.model)
@@ -124,11 +124,11 @@ def check_residuals(
     diagnosis.unmodelled_cov[entries] = largest_errors_cov(shifts)
     lags = _effect_errors("term.low-pass", 1.0, fit_evidence, tests)
     diagnosis.lag_errors[index] = sum(lag.shift for lag in lags)
-    all_shifts, speeds = np.zeros((len(shifts), s)), [np.zeros((2, 3)), *(effect.speed for effect in effects)]
+    all_shifts, speeds = np.zeros((len(shifts), s)), np.zeros((len(xw), len(shifts)))
     all_shifts[:, index] = shifts
     for k, effect in enumerate(effects, 1):
         speeds[:, k] = effect.speed
-    lines = [line.B for line in lines_by_sign(nu_x, speeds, MIN_SPEED_M_S)]
+    lines = [line.B for line in lines_by_sign(xw, speeds, MIN_SPEED_M_S)]
     all_shifts[len(shifts) - sum(len(result.effects) for result in differences) :] *= tolerance_std(1.0)
     run_errors = np.zeros(is_run_entry.size)
     run_errors[is_run_entry.ravel()] = np.max([np.abs(effect.run) for effect in effects], axis=0, initial=0.0)
@@ -188,7 +188,7 @@ class _FitChange(NamedTuple):
 
     shift: np.ndarray  # (k,) of the parameters
     run: np.ndarray  # of the entries of each run, such as biases
-    speed: np.ndarray  # (2, 3) of ν_x by the effect itself, without that by the shift: `lines_by_sign`
+    speed: np.ndarray | float  # (N,) of ν_x by the effect itself, without that by the shift
     size: float  # of the effect
 
 
@@ -209,16 +209,14 @@ class _FitEvidence(NamedTuple):
     std: np.ndarray  # (k,) standard errors
     low: np.ndarray  # (k,) distances to the bounds
     high: np.ndarray  # (k,)
-    nu: np.ndarray  # (N, 3) of the model
     run_count: int  # runs with entries of their own, the last nuisances of `residuals`
     free: dict[str, float]  # path of each free parameter, also if it is not identifiable → its upper bound
 
     def effect(self, test: ScoreTest, speed: np.ndarray | float = 0.0) -> _FitChange:
         """Return the change of the fit by an effect, within the bounds of θ. `speed` is that of its term."""
         test = bounded_test(self.residuals, test, self.low, self.high)
-        column = (test.size * speed * np.ones(len(self.nu)))[:, None]
-        speeds = np.array([line.B[:, 0] for line in lines_by_sign(self.nu[:, ::2], column, MIN_SPEED_M_S)])
-        return _FitChange(test.shift, nuisance_shift(self.residuals, test, self.run_count), speeds, test.size)
+        run = nuisance_shift(self.residuals, test, self.run_count)
+        return _FitChange(test.shift, run, test.size * speed, test.size)
 
     def is_significant(self, test: ScoreTest) -> bool:
         """Return True if |z| of the test is above the critical value for its degrees of freedom."""
