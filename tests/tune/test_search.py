@@ -46,6 +46,26 @@ def test_the_search_reaches_the_minimum_from_every_start():
         assert descent.costs[0] == pytest.approx(bowl(target)[0](descent.start)), "it contains its start"
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_the_search_reaches_a_deep_minimum_beside_a_wide_one(seed):
+    """The best points of the cube are all near the wide minimum."""
+    rng = np.random.default_rng(seed)
+    x_shallow, x_deep = (
+        np.full(3, 0.25) + rng.uniform(-0.1, 0.1, 3),
+        np.full(3, 0.75) + rng.uniform(-0.1, 0.1, 3),
+    )
+
+    def f(g):
+        x = coordinates(g, LOW, HIGH)
+        values = 1.0 + (x - x_shallow) @ (x - x_shallow), 0.8 + 20.0 * (x - x_deep) @ (x - x_deep)
+        slope = 2.0 * (x - x_shallow) if values[0] < values[1] else 40.0 * (x - x_deep)
+        return float(min(values)), slope / gain_derivative(x, LOW, HIGH)
+
+    best = search(lambda g: f(g)[0], f, LOW, HIGH)[0]
+    assert best.cost == pytest.approx(0.8, abs=1e-6)
+    np.testing.assert_allclose(coordinates(best.gains, LOW, HIGH), x_deep, atol=1e-3)
+
+
 def test_a_descent_ends_where_a_descent_before_it_ended():
     cost_and_gradient, start = bowl(np.array([7.0, 0.02, 20.0]))[1], np.array([1.0, 5.0, 40.0])
     first = descend(cost_and_gradient, np.array([90.0, 9.0, 2.0]), LOW, HIGH)

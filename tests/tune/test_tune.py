@@ -194,7 +194,7 @@ def test_the_file_receives_the_gains_with_their_provenance(tuning, tmp_path):
     updated_file = load(path)
     assert updated_file.controller().beta == pytest.approx(tuning.values["beta"])
     assert updated_file.provenance["controller.beta"].run == "tune, perfect pose"
-    assert "# the scale;" in path.read_text(encoding="utf-8")
+    assert "# by scale;" in path.read_text(encoding="utf-8")
 
 
 def test_the_gradient_is_exact_with_the_estimator_in_the_loop(small):

@@ -27,8 +27,8 @@ def test_only_lines_of_changed_values_change_and_comments_are_preserved():
     small = load("small")
     changed_file = small.with_values({"model.mass_kg": 0.62, "sensors.imu.gyro_bias": 0.01})
     assert difference(small, changed_file) == [
-        "-mass_kg = 0.61 # the scale; inertia_kg_m2 is left out: ½ m R² = 0.00149",
-        "+mass_kg = 0.62 # the scale; inertia_kg_m2 is left out: ½ m R² = 0.00149",
+        "-mass_kg = 0.61 # by scale; inertia_kg_m2 is omitted: ½ m R² = 0.00149",
+        "+mass_kg = 0.62 # by scale; inertia_kg_m2 is omitted: ½ m R² = 0.00149",
         "-gyro_bias = 0.015",
         "+gyro_bias = 0.01",
     ]

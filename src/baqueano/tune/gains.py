@@ -53,7 +53,7 @@ def tune(
     route : Route or guide, or sequence of them
         The routes to follow; the cost is the mean over them.
     starts : int
-        Number of descents, at least 1, in addition to one descent from the gains of the file.
+        Largest number of descents, at least 1, in addition to one descent from the gains of the file.
     polish : bool
         Continue the search without gradients if the cost is rough; this takes up to ten times as long.
     controller : str, type or block, optional

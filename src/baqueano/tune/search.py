@@ -4,9 +4,10 @@
 
 g is a gain, x its coordinate in the search. In x, small gains have the same share of the interval as large gains. The
 slope of (1) at 0 is above 0, so that a gain can leave its bound. The cost is evaluated at a fixed set of points of
-the unit cube (Halton 1960). A quasi-Newton method (quasi_newton.py) descends from the best of them. If the gradient
-at the end is still large, the cost is not smooth (for example, motors that switch direction). Then the simplex of
-Nelder and Mead continues from there. The search is deterministic: the same input yields the same result.
+the unit cube (Halton 1960). A quasi-Newton method (quasi_newton.py) descends from those without a better point nearby,
+the best first (Rinnooy Kan and Timmer 1987). If the gradient at the end is still large, the cost is not smooth (for
+example, motors that switch direction). Then the simplex of Nelder and Mead continues from there. The search is
+deterministic: the same input yields the same result.
 
 Two gains can have the same effect, or one gain none; then a descent can end at a bound for a negligible advantage. With
 `preferred_x` gains x_0, a descent stays near them, and minimises, for the cost C,
@@ -23,8 +24,9 @@ from baqueano.errors import UsageError
 from baqueano.numerics.quasi_newton import minimise
 
 STRETCH_EXPONENT = 7.0  # c: the middle of the range is 3 % of its upper end
-SAMPLED_POINTS = 24  # points of the cube that are evaluated before the descents
-START_COUNT = 3
+SAMPLED_POINTS = 48  # points of the cube that are evaluated before the descents
+START_COUNT = 6
+MIN_DISTANCE = 0.3  # of a start from a better point, in the coordinate that differs most
 # a descent ends if PATIENCE evaluations decreased its cost by a smaller share than MIN_PROGRESS; above the cost of an
 # earlier end, MIN_PROGRESS_ABOVE
 PATIENCE, MIN_PROGRESS, MIN_PROGRESS_ABOVE = 5, 1e-6, 1e-4
@@ -65,15 +67,14 @@ def search(
     start_count: int = START_COUNT,
     polish: bool = True,
 ) -> list[Descent]:
-    """Return the descents from the `start_count` best evaluated points and from each of `initial`, the least cost
-    first.
+    """Return the descents from each of `initial` and from at most `start_count` evaluated points, the least cost first.
 
     With `polish`, searches without gradients follow if the cost is rough.
     """
     minimize = _minimize()
-    points = [gains(x, low, high) for x in halton(SAMPLED_POINTS, len(low))]
-    costs_and_points = sorted(((_finite(cost(g)), k) for k, g in enumerate(points)))
-    begin = [np.clip(g, low, high) for g in initial] + [points[k] for _, k in costs_and_points[:start_count]]
+    begin = [np.clip(g, low, high) for g in initial]
+    if start_count:
+        begin += _starts(cost, low, high)[:start_count]
     ends: list[Descent] = []
     for start in begin:
         best_end = min(ends, key=lambda d: d.cost, default=None)
@@ -86,6 +87,17 @@ def search(
                 ends[k] = _refine_with_simplex(minimize, cost, ends[k], low, high)
             ends.sort(key=lambda d: d.cost)
     return ends
+
+
+def _starts(cost: Cost, low: np.ndarray, high: np.ndarray) -> list[np.ndarray]:
+    """Return the gains of the evaluated points without a better point within MIN_DISTANCE, the best first."""
+    points = halton(SAMPLED_POINTS, len(low))
+    points = points[np.argsort([_finite(cost(gains(x, low, high))) for x in points], kind="stable")]
+    return [
+        gains(x, low, high)
+        for k, x in enumerate(points)
+        if np.all(np.max(np.abs(points[:k] - x), axis=1) > MIN_DISTANCE)
+    ]
 
 
 def descend(
