@@ -8,6 +8,7 @@ Time is an integer [ns] of the run's clock; only `seconds` converts it to second
 from collections import namedtuple
 from collections.abc import Callable, Iterator
 from functools import cache
+from keyword import iskeyword
 from typing import NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
@@ -224,6 +225,11 @@ class Reference(NamedTuple):
 def measured_ns(t_ns: int, slot: Slot) -> int:
     """Return the time of measurement [ns] of the reading `slot` in the tick at `t_ns`."""
     return t_ns - round(slot.age_s * NANOSECONDS)
+
+
+def is_sensor_name(name: str) -> bool:
+    """Return True for a name that a sensor can have, as a field of the tick."""
+    return name.isidentifier() and not iskeyword(name) and not name.startswith("_")
 
 
 @cache

@@ -115,7 +115,7 @@ def test_a_route_is_taught_repeated_tuned_swapped_and_replayed_on_the_emulated_r
 
             tab.click("#tab-blocks")
             tab.js(f"{SCREENS}.blocks.pick('controller')")
-            tab.wait(f"Boolean({SCREENS}.blocks.known.controller?.text)", START_S)
+            tab.wait(f"Boolean({SCREENS}.blocks.details.controller?.text)", START_S)
             tab.js(PICK.format(select=".other select", kind="kanayama"))
             tab.wait("baqueano.page.hello.swapped?.controller === 'kanayama'", START_S)
             repeat(wheel, "ring", f"{DRIVING} && baqueano.page.hello.blocks.controller === 'Kanayama'")

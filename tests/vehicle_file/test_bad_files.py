@@ -120,6 +120,7 @@ CASES = {
     "no command": ("[command]", "[comand]", "vehicle.table-unknown", {"match": "command"}),
     "no model": (SMALL[SMALL.index("[model]") :], "", "vehicle.no-table", {}),
     "sensor name": ("[sensors.imu]", '[sensors."the imu"]', "vehicle.sensor-name", {}),
+    "sensor named by a keyword": ("[sensors.imu]", "[sensors.and]", "vehicle.sensor-name", {}),
     "bad choice": ('mixing = "two_wheels"', 'mixing = "tank"', "vehicle.refused", {"block": "Drivetrain"}),
     "bad measurement model": ('kind = "imu"', 'kind = "imu"\nmeasurement_model = "p"', "vehicle.refused", {}),
     "channels": ("gain = [1.04, 0.96]", "gain = [1.0, 1.0, 1.0]", "vehicle.refused", {"block": "Drivetrain"}),

@@ -23,7 +23,7 @@ from baqueano.diagnostics import nearest
 from baqueano.errors import FileError, UsageError, error_text, is_interruption, user_code_place
 from baqueano.estimators.readings.velocity_readings import velocity_rows
 from baqueano.messages.printable import baqueano_command
-from baqueano.signals import ByName, sensor_slots
+from baqueano.signals import ByName, is_sensor_name, sensor_slots
 from baqueano.vehicle_file.head import Geometry, solid_inertia
 from baqueano.vehicle_file.tables import (
     DERIVED_KEYS,
@@ -107,7 +107,7 @@ def sensors(report: ReadReport, tables: object, context: BuildContext) -> Any:
     blocks: JsonObject = {}
     for name, table in (tables if isinstance(tables, dict) else {}).items():
         path = ("sensors", name)
-        if not name.isidentifier() or name.startswith("_"):
+        if not is_sensor_name(name):
             report.add_table_problem(path, "vehicle.sensor-name")
             continue
         if name in NON_MOTION_CHANNELS and isinstance(table, dict) and table.get("kind", name) == name:

@@ -134,7 +134,10 @@ TEMPLATES: dict[str, str] = {
     "vehicle.model-lacks-inertia": (
         "{place} is incomplete: {model} needs {keys}. Or give radius_m in [geometry]; then ½ m R² is used."
     ),
-    "vehicle.sensor-name": "{place} is not a sensor's name: expected letters, digits and _ only, and a letter first.",
+    "vehicle.sensor-name": (
+        "{place} is not a sensor's name: expected letters, digits and _ only, a letter first, and no keyword of "
+        "Python such as 'and'."
+    ),
     "vehicle.sensors-not-table": "{place} is not a table: write [sensors.imu] and its keys below it.",
     "vehicle.table-lacks": "{place} needs {keys}.",
     "vehicle.acceleration": (

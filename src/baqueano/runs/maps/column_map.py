@@ -26,6 +26,7 @@ from baqueano.messages.printable import baqueano_command
 from baqueano.runs.maps.columns import KINDS, ColumnMap, ColumnSignal, Entry, FileSpec
 from baqueano.runs.maps.mount import KEY_TYPES, parse_mount
 from baqueano.runs.maps.units import all_units, canonical_name, nearest_units_text, unit, unit_list
+from baqueano.signals import is_sensor_name
 from baqueano.vehicle_file.text.toml_text import parse_toml
 
 ETA_MEASURES, NU_MEASURES = ("length", "length", "angle"), ("speed", "speed", "angular rate")
@@ -242,7 +243,7 @@ class _Parser:
         self.keys(key, self.table(key, spec), {
             "file": str, "kind": str, "z": list, "sample": str, "shift_s": float
         })  # fmt: skip
-        if not name.isidentifier() or name.startswith("_"):
+        if not is_sensor_name(name):
             raise self.error(f"[{key}]", name, note("expect.sensor-name"))
         sensor_kind = spec.get("kind", name if name in KINDS else None)
         empty_measures = (None,) * len(spec.get("z", []))
