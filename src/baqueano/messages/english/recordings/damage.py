@@ -77,7 +77,7 @@ TEMPLATES: dict[str, str] = {
     "expect.rate": "the number of rows per second, above 0",
     "expect.time-unit": 'time_unit = "s", one of {valid}, iso8601',
     "expect.time-rest": 'beside time: time_rest = {{ column = "nanosec", unit = "ns" }}',
-    "expect.sensor-name": "a name of letters, digits and _ that is no keyword of Python, as in [sensors.imu]",
+    "expect.sensor-name": "a name of letters, digits and _ that is not a keyword of Python, as in [sensors.imu]",
     "expect.sample": 'sample = "measured", "hold" or "linear"',
     "expect.entry": 'an entry like {{ column = "NAME", unit = "m/s" }}',
     "expect.one-source": 'either column = "NAME", or quaternion = ["x", "y", "z", "w"], or constant = …',
