@@ -163,11 +163,12 @@ def test_id12_a_diverged_segment_adds_no_information(distance):
     def cost_of(*slopes):
         problem = SimpleNamespace(
             size=3,
-            layout=SimpleNamespace(first_start=0, runs=list(range(len(slopes)))),
+            layout=SimpleNamespace(first_start=0, runs=list(range(len(slopes))), has_split_runs=False),
             sigma=np.ones(2),
             masks=[np.ones((100, 2)) for _ in slopes],
             counts=np.full(2, 100.0 * len(slopes)),
-            records=[SimpleNamespace(dt_s=np.full(100, 0.01)) for _ in slopes],
+            records=[SimpleNamespace(dt_s=np.full(100, 0.01), lead=0) for _ in slopes],
+            prior=np.zeros(3),
             sensitivities=lambda theta: [(r, slope, np.arange(3)) for slope in slopes],
         )
         return information(problem, np.zeros(3))  # pyright: ignore[reportArgumentType]
