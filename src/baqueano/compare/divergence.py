@@ -60,9 +60,8 @@ def estimator_failure(run: Run, start_ns: int) -> Diagnostic | None:
         cause = event.diagnostic
         if cause is not None and cause.code in FAULTS and cause.figures.get("role") == "estimator":
             fix = baqueano_command("blocks", "check", str(cause.figures["kind"]))
-            t_s = max(
-                0.0, float(seconds(event.t_ns, start_ns))
-            )  # an error in the rest ends the drive at its start
+            # an error in the rest ends the drive at its start
+            t_s = max(0.0, float(seconds(event.t_ns, start_ns)))
             return note("compare.estimator-failed", fix=fix, t_s=t_s, cause=cause)
     return None
 
