@@ -9,7 +9,7 @@ from baqueano.block_checks import check
 from baqueano.blocks import BLOCK_TARGETS, resolve
 from baqueano.controllers import DelayedController, ManualController, Schedule
 from baqueano.controllers.heading_hold import Gains, HeadingHold
-from baqueano.door.gain_changes import AdjustableController
+from baqueano.door.mission.gain_changes import AdjustableController
 from baqueano.drive.safety.paced_guide import PacedGuide
 from baqueano.guides import DriveTo, GuideAtPace, GuideSequence, Idle, Repeat, RepeatByProgress
 from baqueano.guides.shapes import circle

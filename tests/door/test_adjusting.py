@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from baqueano.door.gain_changes import SOURCE, AdjustableController, ChangeObserver
+from baqueano.door.mission.gain_changes import SOURCE, AdjustableController, ChangeObserver
 from baqueano.door.operator import Operator
 from baqueano.drive import repeat
 from baqueano.drive.budget import BudgetedBlock
@@ -120,7 +120,7 @@ def test_a_failing_controller_does_not_end_the_drive(monkeypatch):
     def fail(*args, **options):
         raise ZeroDivisionError
 
-    monkeypatch.setattr("baqueano.door.gain_changes.replace", fail)
+    monkeypatch.setattr("baqueano.door.mission.gain_changes.replace", fail)
     _, run, messages = drive_with(("controller.k_x", 1.0))
     _, repetition, _ = drive_with()
     np.testing.assert_array_equal(run.requested_commands, repetition.requested_commands)

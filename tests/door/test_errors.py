@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from baqueano.door.outcome import mission_outcome
+from baqueano.door.mission.outcome import mission_outcome
 from baqueano.door.remote import Remote
 from baqueano.errors import AnswerNo, FileError, RobotUnreachable, SafetyStop, UsageError, exit_code_error
 from baqueano.guides.shapes import shape

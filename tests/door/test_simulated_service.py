@@ -156,6 +156,7 @@ def test_paused_time_advances_by_single_ticks_and_accepts_a_stop(child):
     messages = child.until(lambda m: m["type"] == "state" and (m["t_s"] or 0.0) > 0.0)
     child.send(type="pause")
     messages += child.until(lambda m: m["type"] == "state" and m["paused"])
+    assert messages[-1]["t_s"] > 0.0, "the state at once contains the time of the drive"
     t_s = (times_in(messages) + new_times(child))[-1]
     for ticks in (1, 1, 5, 1):
         child.send(type="go", ticks=ticks)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import baqueano as bq
-from baqueano.door.frames.descriptions import drive_description
+from baqueano.door.frames.descriptions import state_description
+from baqueano.door.states import DoorState
 from baqueano.drive.mission import Mission, perform
 from baqueano.guides.shapes import circle, eight
 from baqueano.loop import Record
@@ -121,7 +122,8 @@ def test_the_page_states_that_the_vehicle_rests():
             Tick(t_ns, zero, ()), Command(t_ns, zero), Command(t_ns, zero),
             Estimate(t_ns, zero, zero, np.eye(6)), Reference(t_ns, zero, zero, 0.0),
         )  # fmt: skip
-        return drive_description(Mission("repeat", route=LAP, laps=1).with_durations(SMALL), record)
+        mission = Mission("repeat", route=LAP, laps=1).with_durations(SMALL)
+        return state_description("simulated", DoorState.MISSION, None, None, mission, record)
 
     resting, driving = state_at(1.0), state_at(2.0)
     assert (resting["rest_s"], "rest_s" in driving) == (2.0, False)

@@ -11,6 +11,7 @@ from baqueano.diagnostics import StopReason, stop
 from baqueano.door.operator import Operator
 from baqueano.door.states import DoorState
 from baqueano.drive.mission import Mission, pack
+from baqueano.robot.service.imu_upkeep import ImuUpkeep
 from baqueano.robot.service.service import Service
 from baqueano.runs import read_run
 from tests.emulated.robot import EmulatedRobot
@@ -22,7 +23,7 @@ def serve(robot: EmulatedRobot, file: Any, folder: Path) -> Any:
     """Return a service on this robot that has examined its hardware; its messages are in `messages`."""
     messages: list[dict[str, Any]] = []
     service: Any = Service(
-        robot.uno, robot.imu, file.robot, folder, Operator(lambda: robot.now_ns), messages.append,
+        robot.uno, ImuUpkeep(robot.imu), file.robot, folder, Operator(lambda: robot.now_ns), messages.append,
         now_ns=lambda: robot.now_ns, sleep=robot.wait,
     )  # fmt: skip
     service.messages = messages

@@ -15,7 +15,8 @@ from baqueano.errors import FileError
 from baqueano.messages import text
 from baqueano.robot.service import service as service_module
 from baqueano.robot.service.configuration import firmware_config
-from baqueano.robot.service.service import CLOSE_TIMEOUT_S, HANG_TIMEOUT_S, PREPARE_TIMEOUT_S
+from baqueano.robot.service.hardware_observer import CLOSE_TIMEOUT_S
+from baqueano.robot.service.service import HANG_TIMEOUT_S, PREPARE_TIMEOUT_S
 from baqueano.robot.uno.frames import ResetCause, StateFlag
 from baqueano.runs import RunWriter
 from tests.emulated.bad_line import BadLine

@@ -13,6 +13,7 @@ from baqueano import vehicle_file
 from baqueano.diagnostics import StopReason
 from baqueano.door.operator import Operator
 from baqueano.door.states import DoorState
+from baqueano.robot.service.imu_upkeep import ImuUpkeep
 from baqueano.robot.service.service import Service
 from baqueano.robot.uno.serial_port import open_uno
 from baqueano.runs import read_run
@@ -72,7 +73,7 @@ def test_rt10_a_disconnected_line_reopens_and_drives_after_a_clear(plugged_uno, 
     )
     messages, ticks, pulls = [], [], []
     with open_uno(str(name)) as uno:
-        service = Service(uno, None, file.robot, tmp_path / "runs", Operator(), messages.append)
+        service = Service(uno, ImuUpkeep(), file.robot, tmp_path / "runs", Operator(), messages.append)
         (tmp_path / "runs").mkdir()
         look_until(service, lambda: service.machine.state is DoorState.READY)
 

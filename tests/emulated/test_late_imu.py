@@ -16,7 +16,8 @@ from baqueano.drive.mission import Mission, pack
 from baqueano.messages import text
 from baqueano.robot.imu import driver as imu_driver
 from baqueano.robot.imu.settings import ImuSettings
-from baqueano.robot.service.service import FIND_PERIOD_S, FIND_TIMEOUT_S, HANG_TIMEOUT_S, Service
+from baqueano.robot.service.imu_upkeep import FIND_PERIOD_S, ImuUpkeep
+from baqueano.robot.service.service import FIND_TIMEOUT_S, HANG_TIMEOUT_S, Service
 from tests.codes import within
 from tests.emulated.drives import drive, look_around, spin
 
@@ -35,8 +36,9 @@ def service(robot, open_imu, tmp_path):
     """Return a service whose IMU did not answer at the start."""
     messages, texts = [], []
     service: Any = Service(
-        robot.uno, None, vehicle_file.load("small").robot, tmp_path, Operator(lambda: robot.now_ns), messages.append,
-        now_ns=lambda: robot.now_ns, sleep=robot.wait, log=texts.append, find_imu=open_imu,
+        robot.uno, ImuUpkeep(find=open_imu), vehicle_file.load("small").robot, tmp_path,
+        Operator(lambda: robot.now_ns), messages.append, now_ns=lambda: robot.now_ns, sleep=robot.wait,
+        log=texts.append,
     )  # fmt: skip
     service.messages, service.texts = messages, texts
     return service
@@ -83,6 +85,6 @@ def test_systemd_waits_for_a_chip_without_samples(service, robot):
 
 
 def test_a_vehicle_without_an_imu_in_its_file_is_ready(service, robot):
-    service.find_imu = None
+    service.imu.find = None
     look_around(service, robot, 3)
     assert service.machine.state is DoorState.READY

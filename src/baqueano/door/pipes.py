@@ -17,15 +17,13 @@ def attach(path: Path, source: BinaryIO, sink: BinaryIO) -> None:
 
     Raise RobotUnreachable if no service listens there.
     """
-    from baqueano.door.remote import (
-        unreachable_service,  # that module loads numpy, which the page does not need
-    )
-
     line = socket.socket(socket.AF_UNIX)
     try:
         line.connect(str(path))
     except OSError as error:
-        from baqueano.door.remote import unreachable_service  # that module reads runs; a page does not
+        from baqueano.door.remote import (
+            unreachable_service,  # that module loads numpy, which a page does not need
+        )
 
         raise RobotUnreachable(unreachable_service(path, error)) from error
     forward_bytes(line, source, sink)

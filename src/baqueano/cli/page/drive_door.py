@@ -18,8 +18,8 @@ import numpy as np
 from baqueano.contracts.blocks import World
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, fault, note
-from baqueano.door.frames.descriptions import drive_description
-from baqueano.door.gain_changes import ChangeObserver
+from baqueano.door.frames.descriptions import state_description
+from baqueano.door.mission.gain_changes import ChangeObserver
 from baqueano.door.operator import Operator
 from baqueano.door.simulated.pace import PacedClock
 from baqueano.door.sockets import Door
@@ -154,10 +154,10 @@ class DriveDoor:
             return
         self._published_s = now_s
         pace_fields = {} if self._world == "real" else {"pace": self.pace.factor, "paused": self.pace.paused}
-        self._door.broadcast({
-            "type": "state", "state": str(self._state), "reason": self._reason, "run": None, "world": self._world,
-            "battery_v": None, **pace_fields, **drive_description(self._mission, self._record),
-        })  # fmt: skip
+        self._door.broadcast(
+            state_description(self._world, self._state, self._reason, None, self._mission, self._record)
+            | pace_fields
+        )
 
     def drives(self, mission: "Mission | None", reason: Diagnostic | None = None) -> None:
         """Record that a drive begins, or that it has ended if `mission` is None."""

@@ -9,6 +9,8 @@ import numpy as np
 
 from baqueano.blocks import resolve
 from baqueano.contracts.values import JsonObject
+from baqueano.diagnostics import Diagnostic
+from baqueano.door.states import DoorState
 from baqueano.drive.health import degraded_note
 from baqueano.errors import BaqueanoError
 from baqueano.geometry import map_from_body
@@ -107,13 +109,20 @@ def _limit(free_m: Sequence[float], start: Sequence[float], origin: np.ndarray) 
     return {"x": points[:, 0].tolist(), "y": points[:, 1].tolist()}
 
 
-def drive_description(mission: "Mission | None", record: Record | None) -> JsonObject:
-    """Return the fields of the state message about the present mission and its last tick; None if unknown.
+def state_description(
+    world: str, state: DoorState, reason: Diagnostic | None, run: str | None, mission: "Mission | None",
+    record: Record | None,
+) -> JsonObject:  # fmt: skip
+    """Return the state message: the state and its reason, the run, the mission and its last tick; None if unknown.
 
-    The mission is one of `with_durations`.
+    The mission is one of `with_durations`. The figures of the hardware are those of a simulation.
     """
     t_s = 0.0 if record is None else float(seconds(record.tick.t_ns))
-    return _mission_description(mission, t_s) | _motion_description(record)
+    return {
+        "type": "state", "state": str(state), "reason": reason, "run": run, "world": world,
+        "battery_v": None, "tilt_rad": None, "temperature_c": None, "uno_trip_ms": None, "lost_telemetry": 0,
+        "resets": 0, **_mission_description(mission, t_s), **_motion_description(record),
+    }  # fmt: skip
 
 
 def _mission_description(mission: "Mission | None", t_s: float) -> JsonObject:

@@ -15,19 +15,19 @@ from pathlib import Path
 
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, StopReason, note, stop
-from baqueano.door.frames.descriptions import drive_description
+from baqueano.door.frames.descriptions import state_description
 from baqueano.door.frames.rows import Frames
-from baqueano.door.gain_changes import ChangeObserver
+from baqueano.door.mission.gain_changes import ChangeObserver
+from baqueano.door.mission.observer import MissionObserver
+from baqueano.door.mission.outcome import mission_outcome
 from baqueano.door.operator import STOP_COMMAND, Operator
-from baqueano.door.outcome import mission_outcome
 from baqueano.door.simulated.fault_requests import FaultRequests
 from baqueano.door.simulated.missions import MissionPlan, StoredRoutes, mission_plan, reload_if_changed
 from baqueano.door.simulated.pace import PacedClock
 from baqueano.door.states import DoorState, StateMachine
 from baqueano.drive.mission import perform
-from baqueano.drive.observers import EventLine, Observer
 from baqueano.drive.tasks import run_route
-from baqueano.errors import BaqueanoError, FileError, SafetyStop
+from baqueano.errors import BaqueanoError, SafetyStop
 from baqueano.loop import Blocks, Record
 from baqueano.messages import templates
 from baqueano.runs import read_run
@@ -63,7 +63,7 @@ class SimulatedService:
         self._drives = 0
         self._plan: MissionPlan | None = None
         self._run: str | None = None  # name of the run that is being written
-        self._record: Record | None = None
+        self._observer: _DriveObserver | None = None  # of the present drive
         self._published_s = float("-inf")
         self.fault_requests = FaultRequests(self.operator, lambda message: self.broadcast(message))
 
@@ -112,7 +112,7 @@ class SimulatedService:
         self._drives += 1
         outcome: JsonObject = {"type": "done", "id": name, "run": None}
         reason, code = mission_outcome(lambda: self._drive_mission(mission_json, outcome, attended=attended))
-        self._plan = self._record = self._run = None
+        self._plan = self._run = self._observer = None
         self.send_state(at_once=True)
         self.operator.record_mission_end()
         self.broadcast({"reason": reason, "code": code} | outcome)
@@ -148,23 +148,19 @@ class SimulatedService:
             channel_units(truth),
         )  # fmt: skip
         self.operator.pop_mark_count()  # drop marks from before this drive
-        observer = _DriveObserver(self, plan, world, attended=attended)
+        self._observer = observer = _DriveObserver(self, plan, world, attended=attended)
         observers = (
             observer,
             ChangeObserver(self.operator, self.broadcast, plan.mission.blocks),
             self.fault_requests.begin(plan, world, mission_json, attended),
         )
-        try:
-            perform(
+        return observer.watch(
+            lambda: perform(
                 plan.mission, plan.vehicle_file, hand=lambda: self.operator.command(world.commands), world=world,
-                live=True, path=path, tick_times_ns=self._ticks(plan, attended=attended), observers=observers,
-                eta=start_pose, seed=seed, backend=self.backend,
-            )  # fmt: skip
-        except FileError as error:
-            if not observer.over:  # the drive has not begun
-                raise
-            self.send_event("error", error.diagnostic)
-        return observer.stopped
+                live=True, path=path, tick_times_ns=self._ticks(plan, attended=attended),
+                observers=observers, eta=start_pose, seed=seed, backend=self.backend,
+            )
+        )  # fmt: skip
 
     def _ticks(self, plan: MissionPlan, *, attended: bool) -> Iterator[int]:
         def is_interrupted() -> bool:
@@ -194,16 +190,14 @@ class SimulatedService:
         now_s = time.monotonic()
         if not at_once and now_s - self._published_s < STATE_PERIOD_S:
             return
-        self._published_s, plan, record = now_s, self._plan, self._record
-        mission = None if plan is None else plan.mission
+        self._published_s, mission = now_s, None if self._plan is None else self._plan.mission
+        record = None if self._observer is None else self._observer.record
         self.broadcast(
-            {
-                "type": "state", "state": str(self.machine.state), "reason": self.machine.reason, "run": self._run,
-                "world": "simulated", "pace": self.pace.factor, "paused": self.pace.paused, "battery_v": None,
-                "tilt_rad": None, "temperature_c": None, "uno_trip_ms": None, "lost_telemetry": 0, "resets": 0,
-                **drive_description(mission, record),
-            }
-        )  # fmt: skip
+            state_description(
+                "simulated", self.machine.state, self.machine.reason, self._run, mission, record
+            )
+            | {"pace": self.pace.factor, "paused": self.pace.paused}
+        )
 
     def end(self) -> None:
         """Stop the vehicle, and end the service; callable from any thread and from a signal handler."""
@@ -221,34 +215,20 @@ class SimulatedService:
         self.send_state(at_once=True)
 
 
-class _DriveObserver(Observer):
-    """An observer that passes a drive to the service: its ticks, its stop requests, and its end."""
+class _DriveObserver(MissionObserver):
+    """An observer that also passes the ticks of a drive to the clients."""
 
     def __init__(
         self, service: SimulatedService, plan: MissionPlan, world: FaultyWorld, *, attended: bool
     ) -> None:
-        self._service, self._plan, self._world, self._attended = service, plan, world, attended
-        self.over = False
-        self.stopped: Diagnostic | None = None
+        super().__init__(service.operator, service.send_event, attended=attended)
+        self._service, self._plan, self._world = service, plan, world
 
     def begin(self, blocks: Blocks) -> Blocks:
         plan, frames = self._plan, self._service.frames
         frames.begin(plan.vehicle_file, "simulated", plan.seed, blocks.estimator, plan.mission, plan.name)
         return blocks
 
-    def stop_reason(self, t_ns: int) -> Diagnostic | None:
-        return self._service.operator.stop_reason(attended=self._attended)
-
-    def pop_mark_count(self) -> int:
-        return self._service.operator.pop_mark_count()
-
     def on_record(self, record: Record) -> None:
-        self._service._record = record
+        super().on_record(record)
         self._service.frames.on_record(record, self._world.truth, late_ms=self._service.pace.late_ms)
-
-    def on_disk_full(self, reason: Diagnostic) -> None:
-        self._service.send_event("error", reason)
-
-    def end(self, reason: Diagnostic | None) -> list[EventLine]:
-        self.over, self.stopped = True, reason
-        return []

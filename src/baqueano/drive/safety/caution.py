@@ -26,7 +26,7 @@ class Caution(Observer):
     """Observer of one drive; the supervisor stops the vehicle at the position uncertainty `max_std_m` [m].
 
     If `is_watching` is False, the observer only wraps the guide, so that the driver can set its pace
-    (door/gain_changes.py).
+    (door/mission/gain_changes.py).
     """
 
     def __init__(

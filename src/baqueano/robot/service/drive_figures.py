@@ -24,6 +24,12 @@ class TickDelays:
     ticks: int = 0
     now_ms: float = 0.0  # delay of the last tick
 
+    def record_tick(self, delay_ms: float, max_delay_ms: float, skipped_ticks: int) -> None:
+        """Record the delay of a tick, which is late above `max_delay_ms`, and the ticks skipped so far."""
+        self.ticks, self.skipped_ticks = self.ticks + 1, skipped_ticks
+        self.now_ms, self.worst_ms = delay_ms, max(self.worst_ms, delay_ms)
+        self.late_ticks += delay_ms > max_delay_ms
+
     def event_line(self) -> EventLine:
         """Return the delays as a line of the run, which is a warning if ticks were missed."""
         return _event_line(

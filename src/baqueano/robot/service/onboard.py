@@ -61,6 +61,7 @@ def serve(
         load_thread.join()
         from baqueano.door.operator import Operator
         from baqueano.door.sockets import Door
+        from baqueano.robot.service.imu_upkeep import ImuUpkeep
         from baqueano.robot.service.service import Service
 
         operator = Operator()
@@ -69,10 +70,10 @@ def serve(
         for line in request_realtime():
             log(line)
         door.frames.begin(vehicle_file, "real")
+        imu_upkeep = ImuUpkeep(imu, find_imu if has_imu else None)
         service = Service(
-            uno, imu, vehicle_file.robot, folder, operator, door.broadcast, door.frames, *_watchdog_functions(systemd),
-            log=log,
-            find_imu=find_imu if has_imu else None,
+            uno, imu_upkeep, vehicle_file.robot, folder, operator, door.broadcast, door.frames,
+            *_watchdog_functions(systemd), log=log,
         )  # fmt: skip
         systemd.notify("READY=1")
         log(f"listens at {path}")
