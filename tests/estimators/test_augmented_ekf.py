@@ -14,8 +14,10 @@ from baqueano.geometry import wrap
 from baqueano.runs.filter_ticks import example_filter_tick
 from baqueano.sensors import Imu, Odometer, Pose, Wheels
 from baqueano.signals import Slot, Tick, sensor_slots
+from baqueano.simulate.open_loop import tick_times
+from baqueano.study.counterpart import drive_group
 from baqueano.study.counterpart.world import ROBOT_STEP_S
-from baqueano.study.truth import TruthWorld, draw_robots, merge
+from baqueano.study.truth import draw_robots, merge
 from baqueano.symbolic import compile_block, scan
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Drivetrain, Friction, Kinematic, Planar
@@ -239,8 +241,11 @@ def test_heading_errors_match_their_covariance_on_the_independent_truth():
     u = np.zeros((ticks, 3))
     u[:, 0], u[:, 2] = 0.5, np.repeat(rng.uniform(0.1, 0.5, ticks // 50), 50)
     file = load("small").with_values({"sensors.imu.gyro_bias": 0.0, "sensors.imu.gyro_scale_std": 0.03})
-    block, world = replace(file.estimator(), use=("imu[2]",)), TruthWorld(robots, seeds, step_s=ROBOT_STEP_S)
-    z = np.stack([world.tick(np.tile(row, (len(seeds), 1)), 0.01) for row in u], axis=1)
+    block = replace(file.estimator(), use=("imu[2]",))
+    motion = drive_group(
+        robots, np.repeat(u[:, None], len(seeds), axis=1), seeds, tick_times(ticks, 100.0), ROBOT_STEP_S
+    )
+    z = motion.readings.swapaxes(0, 1)
     z[..., 2] = scale[:, None] * (z[..., 2] - robots.imu.bias[:, 2:]) + bias[:, None]
     kernel, new, t_ns = (
         scan(block.row, block.init(), example_filter_tick(block)),
@@ -249,5 +254,5 @@ def test_heading_errors_match_their_covariance_on_the_independent_truth():
     )
     slots = [type(block.sensors)(Slot(new, of_robot, 0.0 * new)) for of_robot in z]
     ends = [kernel.run(Tick((t_ns + 1) * PERIOD_NS, u, slot))[1] for slot in slots]
-    error = wrap(np.array([estimate.eta[-1, 2] for estimate in ends]) - world.truth.eta[:, 2])
+    error = wrap(np.array([estimate.eta[-1, 2] for estimate in ends]) - motion.truth[-1, :, 2])
     assert 0.58 < np.mean(error**2 / [estimate.cov[-1, 2, 2] for estimate in ends]) < 1.52

@@ -8,8 +8,10 @@ import pytest
 from baqueano.estimators import Complementary
 from baqueano.sensors import Imu, Odometer
 from baqueano.signals import Motion, Slot, Tick, empty_slots, sensor_slots
+from baqueano.simulate.open_loop import tick_times
+from baqueano.study.counterpart import drive_group
 from baqueano.study.counterpart.world import ROBOT_STEP_S
-from baqueano.study.truth import TruthWorld, draw_robots
+from baqueano.study.truth import draw_robots
 from baqueano.symbolic import compile_block, scan
 from baqueano.vehicle_file import load
 from tests.light_robot import SMALL
@@ -123,13 +125,13 @@ def test_the_complementary_filter_halves_the_wheel_noise_on_the_independent_trut
     physics = physics.with_parameters(
         imu=physics.imu.with_parameters(bias=np.zeros((n, 3)), tilt_rad=np.zeros((n, 2)))
     )
-    world, small = TruthWorld(physics, range(n), step_s=ROBOT_STEP_S), load("small")
+    small = load("small")
     imu = Imu(lever_arm_m=np.array([0.02, 0.005]), accel_noise_std=np.array([0.1, 0.1]), gyro_noise_std=0.004)
     block = Complementary(small.vehicle, type(blended(ODOMETER).sensors)(imu, Odometer(noise_std=0.05)))
     u = np.column_stack([0.7 + 0.2 * np.sin(0.02 * np.arange(ticks)), np.zeros(ticks), np.zeros(ticks)])
-    z, v = np.zeros((n, ticks, 3)), np.zeros((n, ticks))
-    for k in range(ticks):
-        z[:, k], v[:, k] = world.tick(np.tile(u[k], (n, 1)), DT), world.truth.nu[:, 0]
+    t_ns = tick_times(ticks, 1.0 / DT)
+    motion = drive_group(physics, np.repeat(u[:, None], n, axis=1), range(n), t_ns, ROBOT_STEP_S)
+    z, v = motion.readings.swapaxes(0, 1), motion.truth[:, :, 3].T
     readings = v + 0.05 * rng.standard_normal(v.shape)
     speeds = [
         estimate_of(block, u, {"imu": z[i], "odometer": readings[i][:, None]})[1].nu[:, 0] for i in range(n)

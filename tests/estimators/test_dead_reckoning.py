@@ -15,8 +15,10 @@ from baqueano.estimators.readings.sensor_numbers import ACCEL_SCALE_STD
 from baqueano.geometry import compose, wrap
 from baqueano.sensors import Imu, Odometer, Pose, Wheels
 from baqueano.signals import Slot, Tick, empty_slots, sensor_slots
+from baqueano.simulate.open_loop import tick_times
+from baqueano.study.counterpart import drive_group
 from baqueano.study.counterpart.world import ROBOT_STEP_S
-from baqueano.study.truth import TruthWorld, draw_robots
+from baqueano.study.truth import draw_robots
 from baqueano.symbolic import compile_block, scan
 from baqueano.vehicle_file import load
 from baqueano.vehicles import Car, Drivetrain, Kinematic
@@ -155,8 +157,7 @@ def test_pose_nees_lies_in_its_band_on_the_independent_truth():
     bias = np.zeros((n, 3))
     bias[:, 2] = 5e-4 * rng.standard_normal(n)
     physics = physics.with_parameters(imu=physics.imu.with_parameters(bias=bias, tilt_rad=np.zeros((n, 2))))
-    world, small = TruthWorld(physics, range(n), step_s=ROBOT_STEP_S), load("small")
-    wheels = Wheels(track_m=0.12, noise_std=0.01)
+    small, wheels = load("small"), Wheels(track_m=0.12, noise_std=0.01)
     reckon = DeadReckoning(
         small.vehicle,
         sensors(imu=Imu(gyro_noise_std=0.004, gyro_scale_std=0.01), wheels=wheels),
@@ -165,14 +166,13 @@ def test_pose_nees_lies_in_its_band_on_the_independent_truth():
     gyro_scale, speed_scale = 1.0 + 0.01 * rng.standard_normal((2, n))
     u = 0.1 * np.sin(0.03 * np.arange(ticks))[:, None] + [0.75, 0.0, 0.0]
     u = u * [1.0, 0.0, 0.0] + np.outer(np.where(np.arange(ticks) // 200 % 2, 0.1, -0.1), [0.0, 0.0, 1.0])
-    z, v = np.zeros((n, ticks, 3)), np.zeros((n, ticks, 2))
-    for k in range(ticks):
-        z[:, k] = world.tick(np.tile(u[k], (n, 1)), DT)
-        nu = world.truth.nu
-        v[:, k] = nu[:, :1] + nu[:, 2:] * [-0.06, 0.06]
+    t_ns = tick_times(ticks, 1.0 / DT)
+    motion = drive_group(physics, np.repeat(u[:, None], n, axis=1), range(n), t_ns, ROBOT_STEP_S)
+    z, nu = (x.swapaxes(0, 1) for x in (motion.readings, motion.truth[..., 3:6]))
+    v = nu[..., :1] + nu[..., 2:] * [-0.06, 0.06]
     z[:, :, 2] *= gyro_scale[:, None]
     v = v * speed_scale[:, None, None] + 0.01 * rng.standard_normal(v.shape)
-    kernel, nees, truth = kernel_of(reckon), 0.0, world.truth.eta
+    kernel, nees, truth = kernel_of(reckon), 0.0, motion.truth[-1, :, :3]
     for i in range(n):
         belief, _ = kernel.run(make_ticks(reckon, {"imu": z[i], "wheels": v[i]}, u))
         e = truth[i] - belief.mean[:3]

@@ -15,7 +15,9 @@ from baqueano.estimators.sigma_points import propagate
 from baqueano.geometry import map_from_body, wrap
 from baqueano.sensors import Imu, Pose
 from baqueano.signals import Motion, Slot, Tick, empty_slots, sensor_slots
-from baqueano.study.counterpart import make_world, robot_file
+from baqueano.simulate.open_loop import tick_times
+from baqueano.study.counterpart import drive_group, robot_file
+from baqueano.study.counterpart.world import ROBOT_STEP_S
 from baqueano.study.truth import draw_robots
 from baqueano.symbolic import compile_block, scan
 from baqueano.vehicles import Kinematic, constant_effort
@@ -132,23 +134,23 @@ def test_nees_and_nis_lie_in_their_bands_on_the_independent_truth():
     """R of ν equals the floor noise of the truth; R of ν̇ is small compared with the accelerometer noise."""
     n, ticks = 5, 400
     physics = draw_robots(n, 7)
-    world, z = make_world(physics, range(n)), np.zeros((n, ticks, 3))
     steps = np.arange(ticks)
     u = np.column_stack(
         [0.75 + 0.1 * np.sin(0.03 * steps), 0.0 * steps, np.where(steps // 150 % 2, 0.1, -0.1)]
     )
-    for k in range(ticks):
-        z[:, k] = world.tick(np.tile(u[k], (n, 1)), 0.01)
+    motion = drive_group(
+        physics, np.repeat(u[:, None], n, axis=1), range(n), tick_times(ticks, 100.0), ROBOT_STEP_S
+    )
     process = np.diag([0.005, 0.002, 0.005, 0.03, 0.03, 0.01]) ** 2 * 0.01
     silent_tick, nees, nis = Tick(10_000_000, np.zeros(3), empty_slots({"imu": 3})), 0.0, []
     for i in range(n):
         file = robot_file(physics.subset([i]))
         block = Unscented(file.vehicle, file.sensors, process)
-        slots = type(file.sensors)(Slot(np.ones(ticks), z[i], np.zeros(ticks)))
+        slots = type(file.sensors)(Slot(np.ones(ticks), motion.readings[:, i], np.zeros(ticks)))
         belief, estimates = scan(block.step, block.init(), silent_tick, backend="python").run(
             Tick(10_000_000 * (steps + 1), u, slots)
         )
-        e = np.concatenate([world.truth.eta[i], world.truth.nu[i]]) - belief.mean[:6]
+        e = motion.truth[-1, i, :6] - belief.mean[:6]
         e[2] = wrap(e[2])
         nees += e @ np.linalg.solve(belief.cov[:6, :6], e)
         nis.append(np.mean(estimates.innovation**2 / np.einsum("kii->ki", estimates.innovation_cov), axis=0))

@@ -10,7 +10,8 @@ from baqueano.design.vehicle_cloud import possible_vehicles
 from baqueano.identify import excitation
 from baqueano.routes.room import vehicle_room
 from baqueano.signals import Command
-from baqueano.study.counterpart import LoopWorld, make_world, robot_values
+from baqueano.simulate.open_loop import tick_times
+from baqueano.study.counterpart import LoopWorld, drive_group, robot_values
 from baqueano.study.experiments.drives import DRIVES, SPREAD, PlannedDrive, signal_outcome, vehicles_around
 from baqueano.study.experiments.result import Experiments, SignalErrors, experiment_rows
 from baqueano.study.first_drives import (
@@ -117,10 +118,11 @@ def test_a_car_on_tyres_that_slide_stays_in_its_room():
     file = load("car")
     vehicles, room = vehicles_around(file, 2, 1), vehicle_room(file, "4x4")
     signal = excitation("prbs", file.command.limit, 12.0, file.rate_hz, 1, rest_s=1.0)
-    u, world = contain_in_room(signal, file, room).u, make_world(vehicles, [0, 1])
-    for now in u:
-        world.tick(np.tile(now, (2, 1)), 1.0 / file.rate_hz)
-        assert np.all(np.abs(world.truth.eta[:, :2]) < room.free_half_width_m)
+    u = contain_in_room(signal, file, room).u
+    motion = drive_group(
+        vehicles, np.repeat(u[:, None], 2, axis=1), [0, 1], tick_times(len(u), file.rate_hz), None
+    )
+    assert np.all(np.abs(motion.truth[..., :2]) < room.free_half_width_m)
 
 
 def test_an_unobservable_parameter_retains_its_prior_uncertainty():

@@ -13,7 +13,9 @@ from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.messages import text
 from baqueano.runs.run import Channel, Run
 from baqueano.selection.cross_validation import extremum_count, independent_motion_count
-from baqueano.study.counterpart import make_world
+from baqueano.simulate.open_loop import tick_times
+from baqueano.study.counterpart import drive_group
+from baqueano.study.counterpart.world import ROBOT_STEP_S
 from baqueano.study.truth import draw_robots
 from baqueano.validation.held_out import validate
 from baqueano.vehicle_file import load, override
@@ -42,9 +44,8 @@ def drive_signals(signals):
     """Return the logs of one robot for each run, under the voltages (N, 3) of each name; all begin at rest."""
     ticks = max(map(len, signals.values()))
     u = np.stack([np.pad(signal, ((0, ticks - len(signal)), (0, 0))) for signal in signals.values()], axis=1)
-    world = make_world(draw_robots(1, 3).subset([0] * len(signals)), range(len(signals)))
-    z = np.array([world.tick(row / VOLTS, 1.0 / RATE_HZ) for row in u])
-    t_ns = np.round(np.arange(1, ticks + 1) * 1e9 / RATE_HZ).astype(np.int64)
+    robots, t_ns = draw_robots(1, 3).subset([0] * len(signals)), tick_times(ticks, RATE_HZ)
+    z = drive_group(robots, u / VOLTS, range(len(signals)), t_ns, ROBOT_STEP_S).readings
     return {
         name: Run(
             name, None, t_ns[: len(v)], v, sensors={"imu": Channel(*[t_ns[: len(v)]] * 2, z[: len(v), k])}

@@ -36,12 +36,11 @@ from baqueano.runs import Run
 from baqueano.signals import seconds
 from baqueano.simulate.closed_loop import check_compilable
 from baqueano.simulate.open_loop import tick_times
-from baqueano.study.counterpart import logged_run
+from baqueano.study.counterpart import drive_group, logged_run
 from baqueano.study.demo import GUESSED_VALUES
-from baqueano.study.truth import Robots, TruthWorld, draw_robots, merge
+from baqueano.study.truth import Robots, draw_robots, merge
 from baqueano.study.truth_drives import Loop, simulate_drives
 from baqueano.sweep.workers import run_in_batches
-from baqueano.symbolic import function
 from baqueano.vehicle_file import VehicleFile, load
 
 EXPERIMENT_S = 60.0
@@ -291,9 +290,11 @@ def simulate_experiments(robots: Robots, seeds: range) -> list[Run]:
     u = excitation(
         "random_steps", vehicle_file.command.limit, EXPERIMENT_S, vehicle_file.rate_hz, 0, rest_s=2.0
     )
-    t_ns, world = tick_times(len(u), vehicle_file.rate_hz), TruthWorld(robots, seeds, fast=function)
-    z = np.stack([world.tick(np.tile(row, (len(seeds), 1)), 1.0 / vehicle_file.rate_hz) for row in u], axis=1)
-    return [logged_run(f"robot {seed}", vehicle_file, t_ns, u, x) for seed, x in zip(seeds, z, strict=True)]
+    t_ns = tick_times(len(u), vehicle_file.rate_hz)
+    readings = drive_group(robots, np.repeat(u[:, None], len(seeds), axis=1), seeds, t_ns).readings
+    return [
+        logged_run(f"robot {seed}", vehicle_file, t_ns, u, readings[:, i]) for i, seed in enumerate(seeds)
+    ]
 
 
 def simulate_lap(

@@ -5,7 +5,6 @@ from baqueano.study.counterpart.recorded import (
     GroupDrive,
     drive_group,
     logged_run,
-    simulate_readings,
     vehicle_run,
 )
 from baqueano.study.counterpart.robots import FREE_ROBOT, robot_file, robot_values, with_values

@@ -26,9 +26,16 @@ class GroupDrive(NamedTuple):
 
 
 def drive_group(
-    vehicles: Robots | Cars, u: np.ndarray, seeds: Sequence[int], t_ns: np.ndarray, step_s: float = STEP_S
+    vehicles: Robots | Cars,
+    u: np.ndarray,
+    seeds: Sequence[int],
+    t_ns: np.ndarray,
+    step_s: float | None = STEP_S,
 ) -> GroupDrive:
-    """Return the drives of the vehicles under the commands u (N, n, m). Each command is applied until its tick."""
+    """Return the drives of the vehicles under the commands u (N, n, m). Each command is applied until its tick.
+
+    `step_s` is the step of the integration; None selects a step that is short enough to be exact.
+    """
     world, n = make_world(vehicles, seeds, step_s), len(seeds)
     z, noiseless, truth = (np.zeros((len(u), n, size)) for size in (3, 3, 9))
     drift, wheel_travel = np.zeros((n, 3)), np.zeros((len(u), n))
@@ -38,15 +45,6 @@ def drive_group(
         noiseless[k], wheel_travel[k] = world.noiseless_readings, world.rolling_speed
         drift += world.bias_drift / len(u)
     return GroupDrive(t_ns, z, noiseless, truth, wheel_travel, drift)
-
-
-def simulate_readings(vehicles: Robots | Cars, u: np.ndarray, t_ns: np.ndarray, step_s: float) -> np.ndarray:
-    """Return the readings (N, n, 3) of IMUs without noise, integrated in steps of `step_s`."""
-    world, noiseless = make_world(vehicles, range(u.shape[1]), step_s), np.zeros((*u.shape[:2], 3))
-    for k, dt_s in enumerate(np.diff(t_ns, prepend=0) * 1e-9):
-        world.move(u[k], float(dt_s))
-        noiseless[k] = world.noiseless_readings
-    return noiseless
 
 
 def logged_run(

@@ -11,7 +11,8 @@ from baqueano.design.plan import design_plan
 from baqueano.design.vehicle_cloud import VehicleCloud, possible_vehicles
 from baqueano.identify import KINDS, excitation
 from baqueano.routes.room import Room
-from baqueano.study.counterpart import make_world
+from baqueano.simulate.open_loop import tick_times
+from baqueano.study.counterpart import drive_group
 from baqueano.study.experiments.result import DESIGNED, SignalErrors
 from baqueano.study.identification.bound import (
     cramer_rao_bound,
@@ -93,22 +94,17 @@ def signal_outcome(
     errors = [_error(readings, q, paths) for readings, q in zip(noiseless, robots, strict=True)]
     repeats = vehicles.subset(np.repeat(np.arange(len(robots)), DRIVES).tolist())
     seeds = [seed + 1000 + k for k in range(len(robots) * DRIVES)]
-    world, u = make_world(repeats, seeds), np.repeat(plan.u, DRIVES, axis=1)
-    margins = np.full(len(seeds), np.inf)
-    for command in u:
-        world.tick(command, 1.0 / vehicle_file.rate_hz)
-        margins = np.minimum(margins, np.min(room.free_half_width_m - np.abs(world.truth.eta[:, :2]), axis=1))
+    t_ns = tick_times(len(plan.u), vehicle_file.rate_hz)
+    motion = drive_group(repeats, np.repeat(plan.u, DRIVES, axis=1), seeds, t_ns, None)
+    margins = np.min(room.free_half_width_m - np.abs(motion.truth[..., :2]), axis=(0, 2))
     return signal, SignalErrors(np.array(errors), margins, plan.seconds)
 
 
 def ideal_readings(vehicles: Robots | Cars, u: np.ndarray, rate_hz: float) -> np.ndarray:
     """Return the noise-free readings (N, n, m) of IMUs, and odometers of cars, under commands u (N, n, k)."""
-    world, readings = make_world(vehicles, [0] * u.shape[1]), []
-    for command in u:
-        world.tick(command, 1.0 / rate_hz)
-        wheel_travel = [world.rolling_speed[:, None]] if isinstance(vehicles, Cars) else []
-        readings.append(np.concatenate([world.noiseless_readings, *wheel_travel], axis=1))
-    return np.stack(readings)
+    motion = drive_group(vehicles, u, [0] * u.shape[1], tick_times(len(u), rate_hz), None)
+    wheel_speed = [motion.rolling_speed[..., None]] if isinstance(vehicles, Cars) else []
+    return np.concatenate([motion.noiseless, *wheel_speed], axis=2)
 
 
 def _error(noiseless: np.ndarray, vehicle: Robots | Cars, paths: list[str]) -> float:

@@ -31,7 +31,6 @@ from baqueano.study.counterpart import (
     drive_group,
     robot_file,
     robot_values,
-    simulate_readings,
     vehicle_run,
 )  # fmt: skip
 from baqueano.study.counterpart.cars import SPEED, speed_at
@@ -191,7 +190,7 @@ def _bounds(robots: list[Robots], signals: list[np.ndarray], t_ns: np.ndarray) -
     """Return the Cramér-Rao bounds of each robot, by parameter."""
     copies = [perturbed_copies(q) for q in robots]
     u = np.repeat(_columns(signals), len(copies[0].mass_kg), axis=1)
-    noiseless = simulate_readings(merge(copies), u, t_ns, BOUND_STEP_S)
+    noiseless = drive_group(merge(copies), u, range(u.shape[1]), t_ns, BOUND_STEP_S).noiseless
     readings_by_robot = np.split(noiseless, len(robots), axis=1)
     return [cramer_rao_bound(readings, q) for readings, q in zip(readings_by_robot, robots, strict=True)]
 
