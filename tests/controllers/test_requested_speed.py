@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baqueano.controllers.model_following import Tracking
+from baqueano.controllers.following.tracking import Tracking
 from baqueano.vehicle_file import load
 
 LAWS = ["pd_feedforward", "kanayama", "lqr", "pure_pursuit", "stanley"]

@@ -8,11 +8,12 @@ a class from `ModelFollower` and define only its law: the requested velocity.
 
 from baqueano.contracts.blocks import Controller
 from baqueano.controllers.first_drive_pulses import PulseController
+from baqueano.controllers.following.tracking import Tracking
 from baqueano.controllers.heading_hold import HeadingHold
 from baqueano.controllers.kanayama import Kanayama
 from baqueano.controllers.lqr import Lqr
 from baqueano.controllers.manual import ManualController
-from baqueano.controllers.model_following import FollowerState, ModelFollower, Tracking
+from baqueano.controllers.model_following import FollowerState, ModelFollower
 from baqueano.controllers.mpc import Mpc
 from baqueano.controllers.pd import Pd, PdState
 from baqueano.controllers.pd_feedforward import PdFeedforward

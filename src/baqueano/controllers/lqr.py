@@ -20,7 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.contracts.values import Tree, Value
-from baqueano.controllers.model_following import MAX_APPROACH_RAD, ModelFollower, Tracking
+from baqueano.controllers.following.tracking import MAX_APPROACH_RAD, Tracking
+from baqueano.controllers.model_following import ModelFollower
 from baqueano.geometry import compose, map_from_body, pose_error
 from baqueano.parameter import document, parameter
 from baqueano.symbolic import jacobian

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.controllers.model_following import ModelFollower, Tracking
+from baqueano.controllers.following.tracking import Tracking
+from baqueano.controllers.model_following import ModelFollower
 from baqueano.parameter import document, parameter
 
 DAMPING_RATIO = 1.44  # k L / speed, for a damping ratio of 0.6

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.controllers.model_following import ModelFollower, Tracking, point_ahead
+from baqueano.controllers.following.tracking import Tracking, point_ahead
+from baqueano.controllers.model_following import ModelFollower
 from baqueano.parameter import document, parameter
 
 DELAY_RATIO = 2.45  # of L / V and T

@@ -20,7 +20,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.controllers.model_following import MAX_APPROACH_RAD, TINY, ModelFollower, Tracking
+from baqueano.controllers.following.response import TINY
+from baqueano.controllers.following.tracking import MAX_APPROACH_RAD, Tracking
+from baqueano.controllers.model_following import ModelFollower
 from baqueano.parameter import document, parameter
 
 

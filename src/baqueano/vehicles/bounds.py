@@ -31,40 +31,26 @@ def check_commands(vehicle: Tree, names: str) -> None:
         raise Invalid.of("vehicle.commands", model=model, **figures)
 
 
+def check_limit(controller: Tree) -> None:
+    """Raise Invalid if the number of limits of a controller is not the number of commands of its vehicle."""
+    if controller.limit.shape != (controller.vehicle.commands,):
+        shape, commands = str(controller.limit.shape), controller.vehicle.commands
+        raise Invalid.of("field.limit", block=type(controller).__name__, value=shape, commands=commands)
+
+
 def _check_type(field_name: str, value: Value, p: Parameter) -> None:
+    figures = {"field": field_name, "unit_name": p.unit, "meaning": p.meaning}
     if p.shape == () and (np.ndim(value) != 0 or isinstance(value, bool | str)):
-        raise Invalid.of(
-            "field.one-number", field=field_name, value=repr(value), unit_name=p.unit, meaning=p.meaning
-        )
+        raise Invalid.of("field.one-number", value=repr(value), **figures)
     if p.shape != () and not isinstance(value, np.ndarray):
         raise Invalid.of("field.not-array", field=field_name, value=repr(value), meaning=p.meaning)
     if p.shape is not None and np.shape(value) != p.shape:
-        raise Invalid.of(
-            "field.shape",
-            field=field_name,
-            value=str(np.shape(value)),
-            expected=str(p.shape),
-            unit_name=p.unit,
-            meaning=p.meaning,
-        )
+        raise Invalid.of("field.shape", value=str(np.shape(value)), expected=str(p.shape), **figures)
 
 
 def _check_values(field_name: str, value: np.ndarray, p: Parameter) -> None:
+    figures = {"field": field_name, "unit_name": p.unit, "meaning": p.meaning}
     if np.isnan(value).any() or (p.high < INF and np.isinf(value).any()):
-        raise Invalid.of(
-            "field.not-finite",
-            field=field_name,
-            value=str(value.tolist()),
-            unit_name=p.unit,
-            meaning=p.meaning,
-        )
+        raise Invalid.of("field.not-finite", value=str(value.tolist()), **figures)
     if (value < p.low).any() or (value > p.high).any():
-        raise Invalid.of(
-            "field.range",
-            field=field_name,
-            value=str(value.tolist()),
-            low=p.low,
-            high=p.high,
-            unit_name=p.unit,
-            meaning=p.meaning,
-        )
+        raise Invalid.of("field.range", value=str(value.tolist()), low=p.low, high=p.high, **figures)

@@ -18,13 +18,9 @@ import numpy as np
 
 from baqueano.contracts import optional
 from baqueano.contracts.values import Tree, Value
-from baqueano.controllers.model_following import (
-    MODEL_ERROR_RATIO,
-    SMOOTHING_S,
-    low_pass,
-    max_turn_error,
-    slip,
-)
+from baqueano.controllers.following.response import MODEL_ERROR_RATIO, SMOOTHING_S, low_pass
+from baqueano.controllers.following.tracking import slip
+from baqueano.controllers.model_following import max_turn_error
 from baqueano.controllers.mpc.state import MpcState
 from baqueano.geometry import compose, map_from_body, pose_error
 from baqueano.signals import Estimate, Reference

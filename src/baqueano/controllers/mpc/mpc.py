@@ -21,7 +21,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from baqueano.controllers.model_following import MAX_CATCH_UP_M_S
+from baqueano.controllers.following.tracking import MAX_CATCH_UP_M_S
 from baqueano.controllers.mpc.horizon import Horizon
 from baqueano.controllers.mpc.program import BoundedProgram
 from baqueano.controllers.mpc.state import MpcState
@@ -29,7 +29,7 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.errors import Invalid
 from baqueano.parameter import INF, document, parameter
 from baqueano.signals import Command, Estimate, Reference, seconds
-from baqueano.vehicles.bounds import check_bounds
+from baqueano.vehicles.bounds import check_bounds, check_limit
 from baqueano.vehicles.state import Vehicle
 
 MAX_FAILURES = 10  # ticks without a solution, after which the drive ends
@@ -94,9 +94,7 @@ class Mpc:
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        if self.limit.shape != (self.vehicle.commands,):
-            shape, commands = str(self.limit.shape), self.vehicle.commands
-            raise Invalid.of("field.limit", block=type(self).__name__, value=shape, commands=commands)
+        check_limit(self)
 
     def init(self) -> MpcState:
         """Return the plan of a vehicle at rest."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from baqueano.contracts.blocks import Estimator, Guide
 from baqueano.contracts.values import JsonObject
-from baqueano.controllers.model_following import SMOOTHING_S
+from baqueano.controllers.following.response import SMOOTHING_S
 from baqueano.drive.observers import Observer
 from baqueano.drive.safety.caution import Caution
 from baqueano.drive.safety.final_pose import FinalPose
