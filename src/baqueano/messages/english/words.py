@@ -6,7 +6,7 @@ VERDICTS = (
     N_("USABLE"), N_("WARN"), N_("REFUSED"), N_("CANNOT TELL"), N_("STOPPED"), N_("DONE"), N_("CONSISTENT"),
     N_("INCONSISTENT"), N_("NOT REPORTED"), N_("GUESS"), N_("OK"), N_("LOCALIZED"), N_("LOST"), N_("FOUND"),
     N_("RECOVERED"), N_("UNREADABLE"), N_("DEFAULT"), N_("SET"), N_("UNBALANCED"), N_("BALANCED"),
-    N_("consistent"), N_("too sure"), N_("too cautious"), N_("too cautious"), N_("cannot tell"), N_("not reported"),
+    N_("consistent"), N_("too sure"), N_("too cautious"), N_("cannot tell"), N_("not reported"),
     N_("not definite"), N_("diverged"), N_("ok"), N_("warn"), N_("bad"), N_("unknown"),
 )  # fmt: skip
 LEVELS = N_("debug"), N_("info"), N_("warning"), N_("error"), N_("fatal")
