@@ -23,18 +23,15 @@ import numpy as np
 from baqueano.calibration.tolerances import with_tolerance
 from baqueano.identify import FitOptions, identify
 from baqueano.runs.run import Run
-from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import (
     FREE_ROBOT,
     car_file,
     car_values,
-    drive_group,
+    drive_runs,
     robot_file,
     robot_values,
-    vehicle_run,
 )
 from baqueano.study.identification.trials import draw_car, draw_robot, quantised_commands
-from baqueano.study.truth import merge
 from baqueano.vehicle_file import load
 
 SECONDS, SMALLEST_S = 60.0, 10.0
@@ -102,12 +99,7 @@ def of_robots(seeds: range, duration_s: float) -> list[Made]:
 def _drive_cars(
     vehicles: list[Any], files: list[Any], inputs: list[np.ndarray], seeds: range
 ) -> list[tuple[Run, Any]]:
-    group, t_ns = merge(vehicles), tick_times(len(inputs[0]), files[0].rate_hz)
-    motion = drive_group(group, np.stack(inputs, axis=1), seeds, t_ns)
-    return [
-        (vehicle_run(motion, k, u, file, f"seed {seed}", seed), file)
-        for k, (u, file, seed) in enumerate(zip(inputs, files, seeds, strict=True))
-    ]
+    return list(zip(drive_runs(vehicles, inputs, seeds, files), files, strict=True))
 
 
 def fit_case(case: str, run: Run, file: Any) -> Any:

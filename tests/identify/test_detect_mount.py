@@ -14,7 +14,6 @@ from baqueano.identify.parameters.free import default_free, free_parameters
 from baqueano.sensors import Wheels
 from baqueano.signals import sensor_slots
 from baqueano.simulate import simulate
-from baqueano.simulate.open_loop import tick_times
 from baqueano.study import counterpart
 from baqueano.study.identification.trials import draw_car, draw_robot, initial_file, quantised_commands
 from baqueano.symbolic import with_value
@@ -109,8 +108,7 @@ def test_an_imu_3_cm_off_centre_is_not_reported_as_swapped():
     u = quantised_commands(
         excitation("random_steps", file.command.limit, 15.0, file.rate_hz, seed, rest_s=2.0)
     )
-    motion = counterpart.drive_group(q, u[:, None], [seed], tick_times(len(u), file.rate_hz))
-    run = counterpart.vehicle_run(motion, 0, u, file, "off centre", seed)
+    (run,) = counterpart.drive_runs([q], [u], [seed], [file])
     fit = identify(run, file, ["+model.centre_of_mass_x_m", "+model.drivetrain.delay_s"])
     k = fit.names.index("sensors.imu.heading_rad")
     assert abs(fit.estimate[k] - q.imu.turn_rad[0]) < 3.0 * fit.std[k]
@@ -126,8 +124,7 @@ def test_an_accelerometer_without_readings_is_not_reported_as_swapped(column):
     file, rng = counterpart.car_file(q), np.random.default_rng([seed, 9])
     throttle, steering = np.repeat(rng.uniform(0.1, 0.5, 15), 100), rng.uniform(-0.4, 0.4, 25)
     u = np.stack([throttle, np.repeat(steering, 60)], axis=1)
-    motion = counterpart.drive_group(q, u[:, None], [seed], tick_times(len(u), file.rate_hz))
-    run = counterpart.vehicle_run(motion, 0, u, file, "one accelerometer", seed)
+    (run,) = counterpart.drive_runs([q], [u], [seed], [file])
     fit = identify(with_imu(run, lambda z: np.where(np.arange(3) == column, np.nan, z)), file)
     assert fit.verdict != "REFUSED"
     assert not {code for code in codes(fit.reasons) if "swapped" in code or code.startswith("mount.")}

@@ -16,20 +16,19 @@ from baqueano.identify.diagnostics.residual_checks import fit_residuals
 from baqueano.identify.diagnostics.unmodelled_terms import Effect
 from baqueano.numerics.score_test import ScoreTest, score_test
 from baqueano.simulate import simulate
-from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import (
     FREE_CAR,
     FREE_ROBOT,
     car_file,
     car_values,
-    drive_group,
+    drive_runs,
     robot_values,
-    vehicle_run,
 )
+from baqueano.study.counterpart.world import ROBOT_STEP_S
 from baqueano.study.identification import trials
 from baqueano.study.identification.trials import draw_robot, initial_file, quantised_commands
 from baqueano.vehicle_file import load
-from tests.identify.true_drives import group_runs, robot_on_floor
+from tests.identify.true_drives import robot_on_floor
 
 PLAIN = FitOptions(diagnose=False)
 
@@ -119,7 +118,9 @@ def test_error_bars_contain_a_wrong_speed_of_the_dry_friction():
     ]
     file = initial_file(first).with_values({"model.friction.coulomb_speed": [0.02, 0.02, 0.2]})
     signals = [quantised_commands(random_steps([1.0, 0.0, 1.0], 40.0, 100.0, seed)) for seed in range(4)]
-    for robot, run in zip(robots, group_runs(robots, signals, range(4), file), strict=True):
+    for robot, run in zip(
+        robots, drive_runs(robots, signals, range(4), [file] * 4, ROBOT_STEP_S), strict=True
+    ):
         fit, truth = identify(run, file, FREE_ROBOT), robot_values(robot)
         for name in (
             f"model.friction.{name}[{k}]" for name in ("linear", "quadratic", "coulomb") for k in (0, 2)
@@ -171,7 +172,8 @@ def test_wheels_of_unequal_size_are_named_first():
     robot = draw_robot(5)
     wheels = replace(robot, wheel=np.array([[1.02, 0.98]]))
     u = quantised_commands(random_steps([1.0, 0.0, 1.0], 40.0, 100.0, 5))
-    fit = identify(group_runs([wheels], [u], [5], initial_file(robot))[0], initial_file(robot), FREE_ROBOT)
+    file = initial_file(robot)
+    fit = identify(drive_runs([wheels], [u], [5], [file], ROBOT_STEP_S), file, FREE_ROBOT)
     missing = [reason for reason in fit.reasons if reason.code == "residual.missing"]
     assert fit.verdict == "WARN"
     assert missing[0].figures["effect"].code == "term.unequal-drag"
@@ -294,8 +296,7 @@ def soft_tyres():
     car = trials.draw_car(703, "understeer")
     file = car_file(car)
     u = trials._car_steps(703, file.rate_hz, SECONDS, trials.STEERING_AMPLITUDE["understeer"])
-    motion = drive_group(car, u[:, None], [703], tick_times(len(u), file.rate_hz))
-    run = vehicle_run(motion, 0, u, file, "soft tyres", 703)
+    (run,) = drive_runs([car], [u], [703], [file])
     return car, run, identify(run, file, FREE_CAR)
 
 

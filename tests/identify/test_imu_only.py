@@ -14,8 +14,7 @@ from baqueano.identify.imu_only import is_imu_only
 from baqueano.numerics.noise_level import slow_noise_profile
 from baqueano.numerics.slow_part import slow_part
 from baqueano.simulate import simulate
-from baqueano.simulate.open_loop import tick_times
-from baqueano.study.counterpart import car_file, car_values, drive_group, vehicle_run
+from baqueano.study.counterpart import car_file, car_values, drive_runs
 from baqueano.study.identification.trials import draw_car
 from baqueano.vehicle_file import load, parse
 from tests.codes import of_code
@@ -58,8 +57,7 @@ def drive_separate_car(car, seed, seconds, steering, values=None):
     kinds = (0.1, 0.55, 2.0), (-steering, steering, 1.2)
     u = np.stack([steps(rng, *kind, seconds, 50.0) for kind in kinds], axis=1)
     u[:150] = 0.0
-    motion = drive_group(car, u[:, None], [seed], tick_times(len(u), 50.0))
-    return file, vehicle_run(motion, 0, u, file, "car", seed)
+    return file, *drive_runs([car], [u], [seed], [file])
 
 
 @pytest.fixture(scope="module")

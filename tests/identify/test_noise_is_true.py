@@ -11,9 +11,8 @@ from baqueano.drive import replay
 from baqueano.identify import excitation, identify, measure_noise
 from baqueano.identify.noise import filter_noise
 from baqueano.numerics.quasi_newton import minimise_logarithms
-from baqueano.simulate.open_loop import tick_times
 from baqueano.study.corridor.vehicles import identify_vehicles, vehicles
-from baqueano.study.counterpart import drive_group, robot_file, vehicle_run
+from baqueano.study.counterpart import drive_runs, robot_file
 from baqueano.study.counterpart.cars import ODOMETER_M_S
 from baqueano.study.estimation.simulated import ODOMETER
 from baqueano.study.identification.trials import FLOOR_NOISE, draw_robot, quantised_commands
@@ -38,8 +37,7 @@ def noise_case(request):
     u = quantised_commands(
         excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, seed, rest_s=0.0)
     )
-    motion = drive_group(q, u[:, None], [seed], tick_times(len(u), file.rate_hz))
-    run = replace(vehicle_run(motion, 0, u, file, "floor", seed), truth=None)
+    run = replace(drive_runs([q], [u], [seed], [file])[0], truth=None)
     return q, file, measure_noise(identify(run, file, ["model.friction.linear"]), run)
 
 
@@ -111,6 +109,5 @@ def test_a_motor_with_another_lag_does_not_make_the_gyro_too_cautious_in_a_calm_
     robots, t_s = vehicles([4]), np.arange(4000) * 0.01
     file = identify_vehicles(robots, [4], "auto")[0]
     u = np.stack([0.6 + 0.2 * np.sin(0.9 * t_s), 0.0 * t_s, 0.15 * np.sin(0.5 * t_s)], axis=1)
-    motion = drive_group(robots, u[:, None], [5], tick_times(len(u), file.rate_hz))
-    replayed_run = replay(vehicle_run(motion, 0, u, file, "calm", 5), file)
+    replayed_run = replay(drive_runs([robots], [u], [5], [file])[0], file)
     assert 0.85 < filter_consistency(replayed_run).channels["imu[2]"].mean < 1.15  # 0.69 with one disturbance

@@ -9,8 +9,7 @@ import pytest
 from baqueano.calibration.rest import with_rest_gyro_bias
 from baqueano.identify import FitOptions, excitation, identify, random_steps
 from baqueano.simulate import simulate
-from baqueano.simulate.open_loop import tick_times
-from baqueano.study.counterpart import drive_group, vehicle_run
+from baqueano.study.counterpart import drive_runs
 from baqueano.study.identification.trials import FLOOR_NOISE, draw_robot, initial_file, quantised_commands
 from baqueano.vehicle_file import Provenance, load, override
 
@@ -137,8 +136,7 @@ def fitted(bias=None, rest_s=0.0, values=STATED):
     u = quantised_commands(
         excitation("random_steps", file.command.limit, SECONDS, file.rate_hz, 103, rest_s=rest_s)
     )
-    motion = drive_group(q, u[:, None], [103], tick_times(len(u), file.rate_hz))
-    return identify(vehicle_run(motion, 0, u, file, "floor", 103), file, options=FitOptions(diagnose=False))
+    return identify(drive_runs([q], [u], [103], [file]), file, options=FitOptions(diagnose=False))
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import pytest
 from baqueano.identify import FitOptions, identify
 from baqueano.runs.run import Channel, Run
 from baqueano.simulate.open_loop import tick_times
-from baqueano.study.counterpart import car_file, drive_group, vehicle_run
+from baqueano.study.counterpart import car_file, drive_runs
 from baqueano.study.counterpart.cars import FREE_CAR
 from baqueano.study.truth import draw_cars
 from baqueano.vehicle_file import load
@@ -31,8 +31,7 @@ def log():
         for k, angle in enumerate(angles)
     ]
     u = np.array([(0.0, 0.0)] * row_count + [row for piece in pieces for row in piece])
-    motion = drive_group(car, u[:, None], [SEED], tick_times(len(u), file.rate_hz))
-    return car, file, vehicle_run(motion, 0, u, file, "stops", SEED)
+    return car, file, *drive_runs([car], [u], [SEED], [file])
 
 
 def test_the_lag_of_a_servo_is_identified_from_starts_with_turned_wheels(log):

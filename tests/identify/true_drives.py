@@ -5,7 +5,6 @@ its mass, forces and friction are those of the file. Its motors lag by 20 ms, be
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,19 +12,16 @@ import numpy as np
 from baqueano.identify import excitation, random_steps
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
-from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import (
     car_file,
     car_values,
-    drive_group,
+    drive_runs,
     robot_file,
     robot_values,
-    vehicle_run,
 )
 from baqueano.study.counterpart.world import MAX_COMPILED_VEHICLES, ROBOT_STEP_S
 from baqueano.study.identification.trials import FLOOR_NOISE, draw_car, draw_robot, quantised_commands
-from baqueano.study.truth import Robots, draw_robots, merge
-from baqueano.study.truth.integrate import STEP_S
+from baqueano.study.truth import Robots, draw_robots
 from baqueano.vehicle_file import VehicleFile, load
 
 CARS = 3  # different cars; fits of the same car share its compiled code
@@ -44,29 +40,13 @@ class TrueDrive(NamedTuple):
     @property
     def seed(self) -> int:
         """Return the seed of the commands and the noise."""
-        return int(self.run.name.removeprefix("run "))
+        return int(self.run.name.removeprefix("seed "))
 
     def normalised_errors(self, fit: Fit) -> np.ndarray:
         """Return (estimate − truth)/std of the parameters with a true value and an estimate inside its bounds."""
         truth = np.array([self.true.get(name, np.nan) for name in fit.names])
         z = (fit.estimate - truth) / fit.std
         return z[np.isfinite(z) & (fit.bound == 0)]
-
-
-def group_runs(
-    vehicles: Sequence[Any],
-    signals: Sequence[np.ndarray],
-    seeds: Sequence[int],
-    file: VehicleFile,
-    step_s: float = ROBOT_STEP_S,
-) -> list[Run]:
-    """Return a run of each vehicle; the vehicles are simulated as one group."""
-    group, t_ns = merge(vehicles), tick_times(len(signals[0]), file.rate_hz)
-    motion = drive_group(group, np.stack(signals, axis=1), seeds, t_ns, step_s)
-    return [
-        vehicle_run(motion, k, u, file, f"run {seed}", seed)
-        for k, (u, seed) in enumerate(zip(signals, seeds, strict=True))
-    ]
 
 
 def cars_on_floor(seeds: Sequence[int], duration_s: float) -> list[TrueDrive]:
@@ -78,7 +58,7 @@ def cars_on_floor(seeds: Sequence[int], duration_s: float) -> list[TrueDrive]:
         files = [car_file(q) for q in cars]
         signals = [steps_of_car(seed, duration_s, files[0].rate_hz) for seed in group]
         values = [{name: float(v[0]) for name, v in car_values(q).items()} for q in cars]
-        runs = group_runs(cars, signals, group, files[0], STEP_S)
+        runs = drive_runs(cars, signals, group, files)
         drives += [TrueDrive(*drive) for drive in zip(runs, files, values, strict=True)]
     return drives
 
@@ -101,7 +81,7 @@ def robot_on_floor(seed: int, duration_s: float) -> TrueDrive:
     u = quantised_commands(
         excitation("random_steps", file.command.limit, duration_s, file.rate_hz, seed, rest_s=0.0)
     )
-    (run,) = group_runs([q], [u], [seed], file)
+    (run,) = drive_runs([q], [u], [seed], [file], ROBOT_STEP_S)
     return TrueDrive(run, file, {name: float(v[0]) for name, v in robot_values(q).items()})
 
 
@@ -141,11 +121,9 @@ def case_drives(
         random_steps(file.command.limit, duration_s, file.rate_hz, seed)
         for seed, file in zip(seeds, files, strict=True)
     ]
-    runs = group_runs([case_vehicle(file) for file in files], [u / FULL for u in signals], seeds, files[0])
-    return [
-        TrueDrive(replace(run, applied_commands=u), file, truth_of(file))
-        for run, u, file in zip(runs, signals, files, strict=True)
-    ]
+    vehicles, effective = [case_vehicle(file) for file in files], [u / FULL for u in signals]
+    runs = drive_runs(vehicles, effective, seeds, files, ROBOT_STEP_S, signals)
+    return [TrueDrive(run, file, truth_of(file)) for run, file in zip(runs, files, strict=True)]
 
 
 def truth_of(file: VehicleFile) -> dict[str, float]:

@@ -26,11 +26,12 @@ from baqueano.selection.choose import choose
 from baqueano.selection.cross_validation import Score, paired_comparison
 from baqueano.selection.terms import Term, vehicle_terms, without_terms
 from baqueano.simulate import simulate
+from baqueano.study.counterpart import drive_runs
+from baqueano.study.counterpart.world import ROBOT_STEP_S
 from baqueano.study.faults.subject import subject
 from baqueano.study.identification.trials import draw_robot, initial_file, quantised_commands
 from baqueano.vehicle_file import load
 from tests.codes import of_code
-from tests.identify.true_drives import group_runs
 
 USE = ("odometer", "imu[2]")
 COMMANDS = np.concatenate([np.eye(3), -np.eye(3)])
@@ -344,7 +345,7 @@ def test_a_battery_term_is_chosen_for_the_motors_behind_a_bridge(drop_v, is_chos
     for seed, volts in ((30, np.linspace(8.3, 7.6, 2500)), (31, np.linspace(7.3, 6.7, 2500))):
         u = 0.85 * quantised_commands(random_steps(small.command.limit, 25.0, 100.0, seed))
         supply = (volts - drop_v) / (7.4 - drop_v) if drop_v else np.ones(len(volts))
-        (run,) = group_runs([robot], [u * supply[:, None] / 1.25], [seed], small)
+        (run,) = drive_runs([robot], [u * supply[:, None] / 1.25], [seed], [small], ROBOT_STEP_S)
         battery = Channel(run.t_ns, run.t_ns, volts[:, None])
         runs.append(replace(run, applied_commands=u, sensors={**run.sensors, "battery": battery}))
     terms = [

@@ -4,6 +4,7 @@ from baqueano.study.counterpart.cars import FREE_CAR, car_file, car_unknowns, ca
 from baqueano.study.counterpart.recorded import (
     GroupDrive,
     drive_group,
+    drive_runs,
     logged_run,
     vehicle_run,
 )

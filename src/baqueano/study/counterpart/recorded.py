@@ -7,9 +7,10 @@ import numpy as np
 
 from baqueano.contracts.values import Tree
 from baqueano.runs.run import Channel, Run, TruthLog
+from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart.cars import ODOMETER_M_S
 from baqueano.study.counterpart.world import make_world
-from baqueano.study.truth import Cars, Robots
+from baqueano.study.truth import Cars, Robots, merge
 from baqueano.study.truth.integrate import STEP_S
 from baqueano.vehicle_file import VehicleFile
 
@@ -45,6 +46,22 @@ def drive_group(
         noiseless[k], wheel_travel[k] = world.noiseless_readings, world.rolling_speed
         drift += world.bias_drift / len(u)
     return GroupDrive(t_ns, z, noiseless, truth, wheel_travel, drift)
+
+
+def drive_runs(
+    vehicles: Sequence[Robots | Cars], signals: Sequence[np.ndarray], seeds: Sequence[int],
+    files: Sequence[VehicleFile], step_s: float | None = STEP_S, logged: Sequence[np.ndarray] | None = None,
+) -> list[Run]:  # fmt: skip
+    """Return the run of each vehicle under its commands (N, m); all vehicles are simulated together.
+
+    `logged` are the commands in the runs, by default the commands that moved the vehicles.
+    """
+    t_ns = tick_times(len(signals[0]), files[0].rate_hz)
+    motion = drive_group(merge(vehicles), np.stack(signals, axis=1), seeds, t_ns, step_s)
+    return [
+        vehicle_run(motion, k, u, file, f"seed {seed}", seed)
+        for k, (u, file, seed) in enumerate(zip(logged or signals, files, seeds, strict=True))
+    ]
 
 
 def logged_run(

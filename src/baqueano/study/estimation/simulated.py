@@ -21,13 +21,12 @@ from baqueano.contracts.values import TableRow
 from baqueano.diagnostics import Verdict
 from baqueano.errors import BaqueanoError
 from baqueano.messages.language import mark as N_, translate as _
-from baqueano.simulate.open_loop import tick_times
-from baqueano.study.counterpart import drive_group, vehicle_run
+from baqueano.study.counterpart import drive_runs
 from baqueano.study.estimation.errors import QUANTITIES
 from baqueano.study.estimation.evaluation import EstimateEvaluation, evaluate
 from baqueano.study.estimation.subjects import SENSOR_SETS, Subject
 from baqueano.study.faults.subject import VEHICLES, FaultSubject as Driven, subject
-from baqueano.study.truth import Cars, Robots, merge
+from baqueano.study.truth import Cars, Robots
 from baqueano.sweep.workers import run_in_processes
 from baqueano.vehicle_file import parse
 
@@ -201,16 +200,11 @@ def make_subjects(job: EstimationJob) -> list[Subject]:
                 case_subject.vehicle, np.random.default_rng([seed, 50])
             )
         ]
-        files.append(case_subject.vehicle_file)
+        files += 2 * [case_subject.vehicle_file]
     seeds = [run_seed for seed in job.seeds for run_seed in (seed, seed + TEST_SEED_OFFSET)]
-    t_ns = tick_times(len(signals[0]), files[0].rate_hz)
-    drive = drive_group(merge(vehicles), np.stack(signals, axis=1), seeds, t_ns)
+    runs = drive_runs(vehicles, signals, seeds, files)
     free, subjects = subject(job.vehicle, job.seeds[0]).free, []
-    for k, (seed, vehicle_file) in enumerate(zip(job.seeds, files, strict=True)):
-        first, second = (
-            vehicle_run(drive, j, signals[j], vehicle_file, f"seed {seeds[j]}", seeds[j])
-            for j in (2 * k, 2 * k + 1)
-        )
+    for seed, vehicle_file, first, second in zip(job.seeds, files[::2], runs[::2], runs[1::2], strict=True):
         first = replace(first, truth=None)  # a real fit does not have a truth
         subjects.append(
             Subject(f"{unmodelled_effect(seed)[0]}, {job.vehicle} {seed}", vehicle_file, first, second, free)

@@ -7,19 +7,17 @@ import numpy as np
 
 from baqueano.identify import excitation
 from baqueano.runs.run import Run
-from baqueano.simulate.open_loop import tick_times
 from baqueano.study.counterpart import (
     FREE_CAR,
     FREE_ROBOT,
     car_file,
     car_values,
-    drive_group,
+    drive_runs,
     robot_file,
     robot_values,
-    vehicle_run,
 )  # fmt: skip
 from baqueano.study.identification.trials import draw_car, draw_robot, quantised_commands
-from baqueano.study.truth import Cars, Robots, merge
+from baqueano.study.truth import Cars, Robots
 from baqueano.vehicle_file import VehicleFile
 
 VEHICLES = ("robot", "car")
@@ -57,14 +55,10 @@ class FaultSubject(NamedTuple):
         logged_commands: Sequence[np.ndarray],
     ) -> list[Run]:
         """Return the runs of the vehicles, simulated together, each with its `effective_commands`."""
-        t_ns = tick_times(len(effective_commands[0]), self.vehicle_file.rate_hz)
-        drive = drive_group(
-            merge(vehicles), np.stack(effective_commands, axis=1), [self.seed] * len(vehicles), t_ns
+        n = len(vehicles)
+        return drive_runs(
+            vehicles, effective_commands, [self.seed] * n, [self.vehicle_file] * n, logged=logged_commands
         )
-        return [
-            vehicle_run(drive, k, u, self.vehicle_file, f"seed {self.seed}", self.seed)
-            for k, u in enumerate(logged_commands)
-        ]
 
 
 def subject(name: str, seed: int) -> FaultSubject:
