@@ -23,14 +23,7 @@ import numpy as np
 from baqueano.calibration.tolerances import with_tolerance
 from baqueano.identify import FitOptions, identify
 from baqueano.runs.run import Run
-from baqueano.study.counterpart import (
-    FREE_ROBOT,
-    car_file,
-    car_values,
-    drive_runs,
-    robot_file,
-    robot_values,
-)
+from baqueano.study.counterpart import FREE_ROBOT, car_file, car_values, drive_runs, robot_file, robot_values
 from baqueano.study.identification.trials import draw_car, draw_robot, quantised_commands
 from baqueano.vehicle_file import load
 

@@ -54,11 +54,7 @@ def cost(calls: int) -> np.ndarray:
     drive(b, device, 11.0)
     rng = np.random.default_rng(0)
     blocks = [rng.integers(-3000, 3000, 14).astype(">i2").tobytes() for _ in range(64)]
-    registers = {
-        0x19: bytes(device._registers()),
-        0x6A: bytes([0x40, 1]),
-        0x72: bytes([0, 28]),
-    }
+    registers = {0x19: bytes(device._registers()), 0x6A: bytes([0x40, 1]), 0x72: bytes([0, 28])}
     turn = 0
 
     def ioctl(fd, request, arg):

@@ -57,11 +57,7 @@ def benches(smallest: bool) -> list[Bench]:
     notes = {peer_name: f"cost {simplex.fun:.5g}; {simplex.nfev} evaluations of {one_s:.2g} s, extrapolated"}
     rows = (
         row(
-            NAMED,
-            ours_s,
-            ours_s,
-            {},
-            {NAMED: f"cost {tuning.cost:.5g} in {len(tuning.history)} evaluations"},
+            NAMED, ours_s, ours_s, {}, {NAMED: f"cost {tuning.cost:.5g} in {len(tuning.history)} evaluations"}
         ),
         row(peer_name, one_s * simplex.nfev, ours_s, {peer_name: TARGET}, notes),
     )

@@ -249,8 +249,7 @@ def test_a_drive_without_marks_explains_the_purpose_of_marks(baqueano, monkeypat
 def test_a_program_such_as_tmux_that_hides_the_terminal_is_named(monkeypatch, baqueano, capsys):
     monkeypatch.setenv("SSH_CONNECTION", "1.2.3.4 5 6.7.8.9 22")
     monkeypatch.setattr(
-        "baqueano.drive.manual.tty._ancestor_programs",
-        lambda: ["python3", "bash", "tmux: server", "systemd"],
+        "baqueano.drive.manual.tty._ancestor_programs", lambda: ["python3", "bash", "tmux: server", "systemd"]
     )
     end = baqueano("drive", "--vehicle", "small")
     assert text(note("cli.terminal-hidden", program="tmux")) in end.err

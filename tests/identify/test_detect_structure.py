@@ -16,14 +16,7 @@ from baqueano.identify.diagnostics.residual_checks import fit_residuals
 from baqueano.identify.diagnostics.unmodelled_terms import Effect
 from baqueano.numerics.score_test import ScoreTest, score_test
 from baqueano.simulate import simulate
-from baqueano.study.counterpart import (
-    FREE_CAR,
-    FREE_ROBOT,
-    car_file,
-    car_values,
-    drive_runs,
-    robot_values,
-)
+from baqueano.study.counterpart import FREE_CAR, FREE_ROBOT, car_file, car_values, drive_runs, robot_values
 from baqueano.study.counterpart.world import ROBOT_STEP_S
 from baqueano.study.identification import trials
 from baqueano.study.identification.trials import draw_robot, initial_file, quantised_commands

@@ -12,13 +12,7 @@ import numpy as np
 from baqueano.identify import excitation, random_steps
 from baqueano.identify.result.fit_result import Fit
 from baqueano.runs.run import Run
-from baqueano.study.counterpart import (
-    car_file,
-    car_values,
-    drive_runs,
-    robot_file,
-    robot_values,
-)
+from baqueano.study.counterpart import car_file, car_values, drive_runs, robot_file, robot_values
 from baqueano.study.counterpart.world import MAX_COMPILED_VEHICLES, ROBOT_STEP_S
 from baqueano.study.identification.trials import FLOOR_NOISE, draw_car, draw_robot, quantised_commands
 from baqueano.study.truth import Robots, draw_robots

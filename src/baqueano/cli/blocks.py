@@ -36,8 +36,7 @@ def ls(vehicle: str | None, settings: tuple[str, ...], as_json: bool) -> None:
 
     vehicle_file = options.load_vehicle(vehicle, settings)
     print_answer(
-        RowsResult([{"role": role, "kind": kind} for role in BLOCK_TARGETS for kind in kinds(role)]),
-        as_json,
+        RowsResult([{"role": role, "kind": kind} for role in BLOCK_TARGETS for kind in kinds(role)]), as_json
     )
     print_message(recommend_estimator(vehicle_file))
 
@@ -91,7 +90,7 @@ def check(
 
 
 TEXT_COLUMNS = {  # columns that are words; the others are typed
-    "role": (N_("vehicle"), N_("sensor"), N_("estimator"), N_("guide"), N_("controller"), N_("supervisor")),
+    "role": (N_("vehicle"), N_("sensor"), N_("estimator"), N_("guide"), N_("controller"), N_("supervisor"))
 }
 
 

@@ -77,11 +77,7 @@ class CorridorForecast(Result):
 
 @checked_call("bq.forecast(robot, route)")
 def forecast_corridor(
-    vehicle_file: VehicleFile,
-    route: Route,
-    laps: int = 1,
-    backend: str = "auto",
-    rest_s: float | None = None,
+    vehicle_file: VehicleFile, route: Route, laps: int = 1, backend: str = "auto", rest_s: float | None = None
 ) -> CorridorForecast:
     """Predict the 95 % corridor of a vehicle on a route, before it drives there.
 

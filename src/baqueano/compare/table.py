@@ -115,10 +115,7 @@ def _sections(comparison: "Comparison") -> Iterator[tuple[str, Sequence[TableLin
     duration = TableLine(_("duration"), "s", lambda j: j.duration_s, is_main=True)
     yield (
         "",
-        [
-            duration,
-            TableLine(_("the estimate diverged at"), "s", lambda j: j.divergence_s, is_main=True),
-        ],
+        [duration, TableLine(_("the estimate diverged at"), "s", lambda j: j.divergence_s, is_main=True)],
     )
     drift, turn = _("drift {over} (RPE)", over=over), _("drift of the heading {over}", over=over)
     lines = [

@@ -74,13 +74,7 @@ class Route(NamedTuple):
 
 
 def curve_route(
-    p: np.ndarray,
-    p1: np.ndarray,
-    p2: np.ndarray,
-    theta: np.ndarray,
-    speed_m_s: float,
-    *,
-    closed: bool = True,
+    p: np.ndarray, p1: np.ndarray, p2: np.ndarray, theta: np.ndarray, speed_m_s: float, *, closed: bool = True
 ) -> Route:
     """Return the route of a curve p(θ) (m, 2) with the derivatives p′ and p″ (m, 2), at a constant speed.  (1)
 

@@ -43,10 +43,7 @@ def path_sentence(comparison: RunComparison, alignment: str) -> str:
     if corridor is not None and not sentence:
         lap = " " + _("in the last lap") if _lap_count(corridor) > 1 else ""
         sentence = (
-            _(
-                "Shaded: where the vehicle may be{lap}, to the left and right of its estimated path.",
-                lap=lap,
-            )
+            _("Shaded: where the vehicle may be{lap}, to the left and right of its estimated path.", lap=lap)
             + " "
         )
         sentence += f"{corridor.sentence[:1].upper()}{corridor.sentence[1:]}."

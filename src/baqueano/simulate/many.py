@@ -223,14 +223,7 @@ def simulate_many(
     watch.count(u, {})
     envelope_flags = watch.range_warnings(note("envelope.this-signal"))
     return Ensemble(
-        tuple(parameter_labels(system, paths)),
-        theta,
-        t_s,
-        eta,
-        nu,
-        clips,
-        kernel.backend,
-        envelope_flags,
+        tuple(parameter_labels(system, paths)), theta, t_s, eta, nu, clips, kernel.backend, envelope_flags
     )
 
 

@@ -94,12 +94,7 @@ def check(block: OwnBlock, vehicle_file: VehicleFile | None = None, role: str | 
     notes = [] if diagnostics else block_checks.compilation_notes(role, own_block, *surroundings)
     if role in ("vehicle", "sensor"):  # a block of another role may run uncompiled
         diagnostics += [
-            fault(
-                "check.must-compile",
-                cause=cause,
-                subject=entry.subject,
-                place=entry.figures["place"],
-            )
+            fault("check.must-compile", cause=cause, subject=entry.subject, place=entry.figures["place"])
             for entry in notes
             if (cause := entry.figures.get("cause")) is not None
         ]

@@ -29,13 +29,7 @@ from baqueano.symbolic import function, with_value
 from baqueano.vehicles.state import Vehicle
 from baqueano.worlds.faults.disturbance import Disturbance, DisturbanceConverter, SensorDisturbance
 from baqueano.worlds.faults.fault import SOURCE, Fault, FaultLike
-from baqueano.worlds.simulated import (
-    DrawnNoise,
-    SimulatedWorld,
-    WorldState,
-    advance_rows,
-    no_noise,
-)
+from baqueano.worlds.simulated import DrawnNoise, SimulatedWorld, WorldState, advance_rows, no_noise
 
 MAX_FAULTS = 500  # of one drive
 

@@ -51,12 +51,7 @@ def world_init(vehicle: Vehicle, sensors: SensorBlocks, eta0: np.ndarray | None 
 
 
 def world_step(
-    vehicle: Vehicle,
-    sensors: SensorBlocks,
-    state: WorldState,
-    u: np.ndarray,
-    dt_s: float,
-    noise: DrawnNoise,
+    vehicle: Vehicle, sensors: SensorBlocks, state: WorldState, u: np.ndarray, dt_s: float, noise: DrawnNoise
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
     """Return the state, the true motion and the readings after a tick with the command `u` (n,).  (1)"""
     return advance_rows(
@@ -65,12 +60,7 @@ def world_step(
 
 
 def _advance_row(
-    vehicle: Vehicle,
-    sensors: SensorBlocks,
-    state: WorldState,
-    u: np.ndarray,
-    dt_s: float,
-    noise: DrawnNoise,
+    vehicle: Vehicle, sensors: SensorBlocks, state: WorldState, u: np.ndarray, dt_s: float, noise: DrawnNoise
 ) -> tuple[WorldState, Motion, ByName[Slot]]:
     """Return the state, the true motion and the readings after `dt_s`: a tick, or one row of a divided tick."""
     vehicle_state, motion = vehicle.step(state.vehicle, u, dt_s, noise.vehicle)

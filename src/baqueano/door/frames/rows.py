@@ -46,13 +46,7 @@ ESTIMATE_COLUMNS = (
     ("ref.x", "m"), ("ref.y", "m"), ("ref.psi", "rad"), ("ref.u", "m/s"),
     ("truth.x", "m"), ("truth.y", "m"), ("truth.psi", "rad"),
 )  # fmt: skip
-PREFIX_KINDS = {
-    "eta": "estimate",
-    "P": "covariance",
-    "nu": "velocity",
-    "ref": "reference",
-    "truth": "truth",
-}
+PREFIX_KINDS = {"eta": "estimate", "P": "covariance", "nu": "velocity", "ref": "reference", "truth": "truth"}
 OTHER_COLUMNS = (
     ("nis", "1", "agreement"), ("progress", "m", "route"), ("cross", "m", "route"), ("battery", "V", "health"),
     ("late_ms", "ms", "health"),

@@ -19,12 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from baqueano.calibration.tolerances import ZERO_RATE_RAD_S, declared_covariance, tolerance_std
-from baqueano.identify.covariance.clusters import (
-    are_finite,
-    block_duration_s,
-    block_edges,
-    inflation_factors,
-)
+from baqueano.identify.covariance.clusters import are_finite, block_duration_s, block_edges, inflation_factors
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.parameters.free import entries, free_parameter, value
 from baqueano.identify.parameters.theta import eliminate_starts

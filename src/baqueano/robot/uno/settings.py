@@ -17,14 +17,7 @@ from typing import TYPE_CHECKING
 from baqueano.contracts.values import TableRow
 from baqueano.errors import AnswerNo, UsageError
 from baqueano.messages.language import number, translate as _
-from baqueano.robot.uno.frames import (
-    LAYOUT_FIELDS,
-    Driver,
-    EncoderKind,
-    Settings,
-    WheelCurve,
-    Wiring,
-)
+from baqueano.robot.uno.frames import LAYOUT_FIELDS, Driver, EncoderKind, Settings, WheelCurve, Wiring
 
 if TYPE_CHECKING:
     from baqueano.robot.uno.link import Uno
@@ -48,11 +41,7 @@ NUMBER_OPTIONS = {  # field, and the number of encoded units in one unit of the 
     "dither": ("dither_permille", 1000),
     "dither-ms": ("dither_ms", 1),
 }
-CURVE_OPTIONS = {
-    "dead-zone": "dead_zone_permille",
-    "slope": "slope_permille",
-    "kick": "kick_permille",
-}
+CURVE_OPTIONS = {"dead-zone": "dead_zone_permille", "slope": "slope_permille", "kick": "kick_permille"}
 WHEEL_DIRECTIONS = ("left-forwards", "left-backwards", "right-forwards", "right-backwards")
 TELEMETRY_TIMEOUT_S = 0.5  # an Uno sends telemetry within this time
 POLL_PERIOD_S = 0.1

@@ -311,8 +311,7 @@ def _name_topics(run: "Run", run_file: RunFile) -> None:
     if run.estimate is not None:
         innovation, cov = run.estimate.innovation, run.estimate.innovation_cov
         run_file.estimate(
-            None if innovation is None else innovation.shape[1],
-            has_cov=innovation is None or cov is not None,
+            None if innovation is None else innovation.shape[1], has_cov=innovation is None or cov is not None
         )
     for name, log in (("/reference", run.reference), ("/truth", run.truth)):
         if log is not None:

@@ -97,7 +97,4 @@ def take_all(free_columns: list[str], patterns: Sequence[str]) -> list[str]:
 def take_pair(free_columns: list[str], pattern: str) -> list[str]:
     """Return the columns of the left and right wheel whose names match, and remove them from `free_columns`.
     Return [] if one of them is missing."""
-    return take_all(
-        free_columns,
-        [f"(?=.*({pattern})).*{side}" for side in (LEFT_PATTERN, RIGHT_PATTERN)],
-    )
+    return take_all(free_columns, [f"(?=.*({pattern})).*{side}" for side in (LEFT_PATTERN, RIGHT_PATTERN)])

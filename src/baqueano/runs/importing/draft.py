@@ -69,10 +69,7 @@ def draft_map(recording: Path | str, *others: Path | str, path: Path | str | Non
             figures = {"table": file.name, "first": recording.name, "columns": missing_names}
             raise UsageError.of("import.draft-columns", fix, **figures)
     free_columns = list(table.columns)
-    lines = [
-        f"format = 1\nname = {_quoted(recording.stem)}",
-        *_tables(table, free_columns, encoding),
-    ]
+    lines = [f"format = 1\nname = {_quoted(recording.stem)}", *_tables(table, free_columns, encoding)]
     if free_columns:
         lines.append(f"\n# {_('columns that are not used:')} {', '.join(free_columns)}")
     map_text = "\n".join(lines) + "\n"

@@ -19,11 +19,7 @@ from baqueano.runs.tables.table import MISSING_TEXTS, LogTable
 
 
 def joined_rows(
-    table: LogTable,
-    t_ns: np.ndarray,
-    spec: FileSpec,
-    columns: Collection[str],
-    findings: list[ImportFinding],
+    table: LogTable, t_ns: np.ndarray, spec: FileSpec, columns: Collection[str], findings: list[ImportFinding]
 ) -> tuple[LogTable, np.ndarray]:
     """Return the rows and their times (rows,) [ns] after (1), and add a finding; the same rows if it does not apply."""
     repeated_rows = np.flatnonzero(np.diff(t_ns) == 0)

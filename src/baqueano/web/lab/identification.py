@@ -14,12 +14,7 @@ import numpy as np
 
 from baqueano.contracts.values import JsonObject
 from baqueano.design.information import DriveInformation
-from baqueano.design.live import (
-    WINDOW_TICKS,
-    MotionAdvisor,
-    RecursiveInformation,
-    information_bits,
-)
+from baqueano.design.live import WINDOW_TICKS, MotionAdvisor, RecursiveInformation, information_bits
 from baqueano.diagnostics import Diagnostic, Verdict, note
 from baqueano.errors import BaqueanoError
 from baqueano.identify.data.record import FittedBlocks

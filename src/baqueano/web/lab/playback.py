@@ -228,11 +228,7 @@ async def play(folder: Path, pace: float, browser: bool) -> None:
 
     try:
         await show_vehicle(
-            start,
-            PageOptions(folder, browser=browser, greeting_s=0.0),
-            notify,
-            lasting=False,
-            meet=meet,
+            start, PageOptions(folder, browser=browser, greeting_s=0.0), notify, lasting=False, meet=meet
         )
     finally:
         await lab.close()
