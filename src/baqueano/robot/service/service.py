@@ -138,7 +138,7 @@ class Service:
         self._run = path.name
         self._publish(at_once=True)  # the next state is published only after the preparation
         try:
-            reason, code = mission_outcome(lambda: self._drive_with_journal(mission, path, attended=attended))
+            reason, code = mission_outcome(lambda: self._drive(mission, path, attended=attended))
         finally:
             self.uno.disarm()
             self.journal.end()
@@ -151,16 +151,13 @@ class Service:
         run = path.name if path.exists() else None
         self.broadcast({"type": "done", "id": name, "run": run, "reason": reason, "code": code})
 
-    def _drive_with_journal(self, mission: Mission, path: Path, *, attended: bool) -> Diagnostic | None:
-        """Write the journal file, and execute a mission as `drive` does; the caller deletes the file."""
-        self.journal.begin(mission, path.name)
-        return self.drive(mission, path, attended=attended)
-
-    def drive(self, mission: Mission, path: Path, *, attended: bool) -> Diagnostic | None:
+    def _drive(self, mission: Mission, path: Path, *, attended: bool) -> Diagnostic | None:
         """Execute a mission, record it at `path`, and return why the vehicle was stopped, None if it was not stopped.
 
-        If the disk is full, the missing rest of the run is reported, and the drive continues.
+        If the disk is full, the missing rest of the run is reported, and the drive continues. The caller ends the
+        journal.
         """
+        self.journal.begin(mission, path.name)
         with tempfile.TemporaryDirectory(prefix="baqueano-") as folder:
             vehicle_file = within(PREPARE_S, unpack, mission, Path(folder))
             self.set_watchdog_timeout(PREPARE_TIMEOUT_S)
