@@ -28,6 +28,7 @@ from baqueano.messages import templates
 from baqueano.messages.language import CATALOGUES, DOMAIN, LANGUAGES
 from baqueano.project.folder import BLOCK_TEXT
 from docs.site.reference import catalogue_file, texts_to_translate
+from tests.syntax import nodes_of, python_files
 
 SOURCE = CATALOGUES.parent
 KEYS_PAGE = SOURCE.parents[1] / "docs" / "vehicle_file_keys.py"
@@ -57,7 +58,7 @@ def required_catalogue() -> Catalog:
         catalogue.add(words)
     for words in SUBCOMMANDS.values():
         catalogue.add(words)
-    for path in (*sorted(SOURCE.rglob("*.py")), KEYS_PAGE):
+    for path in (*python_files(SOURCE), KEYS_PAGE):
         for words in words_in(path):
             catalogue.add(words)
     for path in sorted((SOURCE / "project").glob("my_*.py")):
@@ -84,7 +85,7 @@ def required_reference() -> Catalog:
 
 def words_in(path: Path) -> Iterator[str]:
     """Yield what is marked in a file: literals in `_(…)` and `N_(…)`, also in f-strings, and words of parameters."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes_of(path):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in MARKERS:
             words = [*node.args[MARKERS[node.func.id] :][:1]]
             words += [

@@ -17,8 +17,7 @@ from pathlib import Path
 import pytest
 
 from baqueano.messages.printable import baqueano_command
-
-ROOT = Path(__file__).parents[1]
+from tests.syntax import ROOT, SOURCE, nodes_of, python_files
 
 MISSING = ("fcntl", "termios", "curses", "_curses", "smbus2", "resource", "pwd", "grp")
 LAPTOP = f"""
@@ -203,16 +202,15 @@ def test_source_files_state_encodings_and_import_no_posix_module():
     """Windows reads text as cp1252 by default; POSIX modules are imported inside the functions that use them."""
     # these run on Linux alone
     on_board = ROOT / "src/baqueano/robot/imu", ROOT / "src/baqueano/robot/service"
-    for path in (ROOT / "src").rglob("*.py"):
+    for path in python_files(SOURCE):
         if path.parent in on_board:
             continue
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        for node in tree.body:
+        for node in nodes_of(path)[0].body:
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
             posix = {name.split(".")[0] for name in names} & {*MISSING, "pty", "tty", "syslog"}
             assert not posix or "robot" in path.parts or "manual" in path.parts, f"{path}: {posix}"
-        for node in ast.walk(tree):
+        for node in nodes_of(path):
             if isinstance(node, ast.Call) and reads_text(node):
                 assert "encoding" in {key.arg for key in node.keywords}, f"{path} line {node.lineno}"
 

@@ -10,15 +10,14 @@ import importlib
 import inspect
 import re
 import textwrap
-from pathlib import Path
 from types import ModuleType
 
 import pytest
 from numpydoc.docscrape import NumpyDocString
 
 from docs.site import reference
+from tests.syntax import SOURCE, nodes_of, python_files
 
-SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
 ROOMS = [
     "baqueano",
     "block_checks",
@@ -254,7 +253,7 @@ def test_the_number_of_public_names_is_limited():
 def test_a_private_package_has_no_list_of_public_names():
     offering = {
         path.relative_to(SOURCE).as_posix().removesuffix("/__init__.py").removesuffix(".py").replace("/", ".")
-        for path in SOURCE.rglob("*.py")
+        for path in python_files(SOURCE)
         if re.search(r"^__all__ = ", path.read_text(encoding="utf-8"), re.M)
     }
     assert not offering - {*ROOMS, "__init__"}, "write no __all__ there, or name the room in ROOMS"
@@ -262,8 +261,8 @@ def test_a_private_package_has_no_list_of_public_names():
 
 def test_the_docstring_of_a_module_is_short():
     long = {}
-    for path in SOURCE.rglob("*.py"):
-        text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    for path in python_files(SOURCE):
+        text = ast.get_docstring(nodes_of(path)[0]) or ""
         if (lines := len(text.splitlines())) > MODULE_LINES:
             long[path.relative_to(SOURCE).as_posix()] = lines
     assert not long, f"derivations stand in docs/derivations/, measured figures in docs/benchmarks.md: {long}"

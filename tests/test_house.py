@@ -6,15 +6,13 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterable
-from functools import cache
 from pathlib import Path
 
 import pytest
 
 from tests.promises import WHY_NOT, keepers, promises
+from tests.syntax import ROOT, SOURCE, function_name, nodes_of, python_files
 
-ROOT = Path(__file__).parents[1]
-SOURCE = ROOT / "src" / "baqueano"
 SMALL_FOLDERS = ("door", "robot", "robot/uno", "robot/imu", "robot/service", "robot/workshop", "robot/setup")
 BLOCK_ROOMS = ("vehicles", "sensors", "estimators", "guides", "controllers")
 FUNCTIONS = ast.FunctionDef, ast.AsyncFunctionDef
@@ -35,12 +33,6 @@ def run(*command: str) -> None:
     assert result.returncode == 0, result.stdout[-4000:] + result.stderr[-2000:]
 
 
-@cache
-def nodes_of(path: Path) -> list[ast.AST]:
-    """Return all nodes of a file, the module first."""
-    return list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
-
-
 def test_code_is_formatted():
     run("ruff", "format", "--check", ".")
 
@@ -58,7 +50,7 @@ def test_folders_have_limited_numbers_of_modules_and_names():
     """At most MODULES files and NAMES public names."""
     full = {
         str(folder.relative_to(SOURCE.parent).as_posix())
-        for folder in {path.parent for path in SOURCE.rglob("*.py")}
+        for folder in {path.parent for path in python_files(SOURCE)}
         if len(modules_in(folder)) > MODULES
         or len(public_names(folder / "__init__.py")) > (FRONT_DOOR if folder == SOURCE else NAMES)
     }
@@ -71,7 +63,7 @@ def modules_in(folder: Path) -> list[Path]:
 
 def public_names(face: Path) -> list[str]:
     """Return the names of `__all__` of a package; without one, the names that its face defines without a _."""
-    body = ast.parse(face.read_text(encoding="utf-8")).body if face.exists() else []
+    body = nodes_of(face)[0].body if face.exists() else []
     names: list[str] = []
     for node in body:
         if isinstance(node, ast.Assign):
@@ -97,11 +89,11 @@ def blocks_in(paths: Iterable[Path]) -> set[str]:
 
 @pytest.mark.parametrize("room", ["estimators", "guides", "controllers"])
 def test_a_block_package_exports_every_block_of_its_modules(room):
-    assert blocks_in((SOURCE / room).rglob("*.py")) <= set(public_names(SOURCE / room / "__init__.py"))
+    assert blocks_in(python_files(SOURCE / room)) <= set(public_names(SOURCE / room / "__init__.py"))
 
 
 def test_no_block_is_defined_outside_the_block_packages():
-    paths = [path for path in SOURCE.rglob("*.py") if path.relative_to(SOURCE).parts[0] not in BLOCK_ROOMS]
+    paths = [path for path in python_files(SOURCE) if path.relative_to(SOURCE).parts[0] not in BLOCK_ROOMS]
     hidden_blocks = blocks_in(paths)
     assert not hidden_blocks - AROUND_BLOCKS, (
         "a block stands in vehicles/, sensors/, estimators/, guides/ or controllers/"
@@ -113,7 +105,7 @@ def test_no_module_tests_for_a_specific_vehicle_class():
     one."""
     offenders = {
         str(path.relative_to(SOURCE))
-        for path in SOURCE.rglob("*.py")
+        for path in python_files(SOURCE)
         for node in nodes_of(path)
         if isinstance(node, ast.ImportFrom)
         and node.module == "baqueano.vehicles"
@@ -127,7 +119,7 @@ MAX_ANY = 500  # mentions of Any
 
 
 def sources() -> dict[Path, str]:
-    return {path: path.read_text(encoding="utf-8") for path in SOURCE.rglob("*.py")}
+    return {path: path.read_text(encoding="utf-8") for path in python_files(SOURCE)}
 
 
 def test_the_number_of_hasattr_calls_is_limited():
@@ -142,7 +134,7 @@ def test_signatures_rarely_use_any():
 
 @pytest.mark.parametrize("room", ["vehicles", "sensors", "estimators", "guides", "controllers"])
 def test_no_built_in_block_class_is_named_outside_its_package(room):
-    kinds = blocks_in((SOURCE / room).rglob("*.py")) | {
+    kinds = blocks_in(python_files(SOURCE / room)) | {
         "Imu",
         "Wheels",
         "Odometer",
@@ -166,7 +158,7 @@ def test_no_file_has_more_than_400_lines():
     sizes = {
         str(path.relative_to(ROOT)): lines
         for room in (SOURCE, ROOT / "tests", ROOT / "benchmarks", ROOT / "docs")
-        for path in room.rglob("*.py")
+        for path in python_files(room)
         if (lines := path.read_text(encoding="utf-8").count("\n")) > 400
     }
     assert not sizes, f"longer than 400 lines, so two ideas: {sizes}"
@@ -179,7 +171,7 @@ def test_each_package_exports_few_names_to_other_packages(room):
     modules = {package, *(f"{package}.{path.stem}" for path in modules_in(SOURCE / room))}
     names = {
         f"{node.module}.{name.name}"
-        for path in SOURCE.rglob("*.py")
+        for path in python_files(SOURCE)
         if path.parent != SOURCE / room
         for node in nodes_of(path)
         if isinstance(node, ast.ImportFrom) and node.module in modules
@@ -190,7 +182,7 @@ def test_each_package_exports_few_names_to_other_packages(room):
 
 def test_every_public_object_has_a_docstring():
     members, dumb = {}, []
-    for path in SOURCE.rglob("*.py"):
+    for path in python_files(SOURCE):
         for node in nodes_of(path):
             if isinstance(node, ast.ClassDef):
                 members[node.name] = {
@@ -198,7 +190,7 @@ def test_every_public_object_has_a_docstring():
                     for member in node.body
                     if isinstance(member, FUNCTIONS) and ast.get_docstring(member)
                 }
-    for path in SOURCE.rglob("*.py"):
+    for path in python_files(SOURCE):
         tree = nodes_of(path)[0]
         dumb += [f"{path.relative_to(ROOT)}: {name}" for name in without_docstring(tree, "", set(), members)]
     assert not dumb, "no docstring, so a reader has to guess:\n" + "\n".join(dumb)
@@ -227,7 +219,7 @@ def without_docstring(scope: ast.AST, prefix: str, base_names: set[str], members
 def test_each_result_class_with_table_and_verdict_has_rows():
     mute = [
         f"{path.relative_to(ROOT)}: {node.name}"
-        for path in SOURCE.rglob("*.py")
+        for path in python_files(SOURCE)
         for node in nodes_of(path)
         if isinstance(node, ast.ClassDef)
         and {"table", "verdict"}
@@ -244,7 +236,7 @@ def test_each_promise_named_by_a_test_exists():
 
 def calls():
     """Return each call of the package, with its file."""
-    for path in SOURCE.rglob("*.py"):
+    for path in python_files(SOURCE):
         for node in nodes_of(path):
             if isinstance(node, ast.Call):
                 yield path.relative_to(SOURCE).as_posix(), node
@@ -252,17 +244,22 @@ def calls():
 
 def test_ne1_only_the_page_server_opens_network_ports():
     for file, call in calls():
-        name = ast.unparse(call.func).rpartition(".")[2]
+        name = function_name(call)
         if file != "web/server.py":  # tests/web: only on loopback, unless shared
-            assert name not in {"create_server", "start_server", "HTTPServer", "TCPServer"}, file
-        if ast.unparse(call.func) == "socket.socket" and file != "web/share.py":  # sends nothing
+            assert name.rpartition(".")[2] not in {
+                "create_server",
+                "start_server",
+                "HTTPServer",
+                "TCPServer",
+            }, file
+        if name == "socket.socket" and file != "web/share.py":  # sends nothing
             assert ast.unparse(call.args[0]) == "socket.AF_UNIX", file
 
 
 def test_lg7_fi5_no_file_content_is_executed_as_code():
     """A user block is code and is executed; a study reads only files that it pickled itself."""
     risky = re.compile(r"(pickle|marshal|shelve|yaml)\.\w+|eval|exec|read_pickle")
-    offenders = {file for file, call in calls() if risky.fullmatch(ast.unparse(call.func))}
+    offenders = {file for file, call in calls() if risky.fullmatch(function_name(call))}
     engine = {"symbolic/packing.py", "symbolic/python_code/python.py"}
     assert offenders <= {"blocks.py", "study/identification/result.py", *engine}
     assert not [file for file, call in calls() if "allow_pickle" in {key.arg for key in call.keywords}]
@@ -306,7 +303,7 @@ HARMLESS = {
 
 def test_no_study_simulates_data_with_the_fitted_model():
     """Data of the fitted model always agree with it, so data come from study/truth or from recordings."""
-    for path in (SOURCE / "study").rglob("*.py"):
+    for path in python_files(SOURCE / "study"):
         modules = {
             name.name
             for node in nodes_of(path)
@@ -328,7 +325,7 @@ FITTED_STEP = {"simulate", "simulate_loop", "simulate_many", "experiment", "case
 
 def test_no_test_measures_coverage_on_data_of_the_fitted_model():
     """Tests and benchmarks count the 95 % intervals that contain the truth only on data from study/truth."""
-    paths = (*(ROOT / "tests").rglob("*.py"), *(ROOT / "benchmarks").glob("*.py"))
+    paths = (*python_files(ROOT / "tests"), *(ROOT / "benchmarks").glob("*.py"))
     for path in (path for path in paths if "1.96" in path.read_text(encoding="utf-8")):
         functions = {node.name: node for node in nodes_of(path) if isinstance(node, FUNCTIONS)}
         for name, node in functions.items():

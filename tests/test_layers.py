@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_house import BLOCK_ROOMS, ROOT, SOURCE, nodes_of
+from tests.syntax import ROOT, SOURCE, nodes_of, python_files
+from tests.test_house import BLOCK_ROOMS
 
 DOORS = {"time", "os", "random", "datetime", "pathlib", "io", "sys", "socket", "threading"}
 
@@ -37,7 +38,7 @@ def test_no_layer_names_a_module_of_a_higher_layer_in_a_string():
     offenders = [
         f"{path.relative_to(ROOT)} line {node.lineno}: {node.value}"
         for package, heights in layered_modules()
-        for path in SOURCE.rglob("*.py")
+        for path in python_files(SOURCE)
         if (height := heights.get(layer_in(package, module_name(path)))) is not None
         for node in nodes_of(path)
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " not in node.value
@@ -74,7 +75,7 @@ MUTUAL = {f"baqueano.symbolic.arrays.{name}" for name in ("array", "elementwise"
 
 
 def test_no_module_imports_itself_through_other_modules():
-    paths = {module_name(path): path for path in SOURCE.rglob("*.py") if path.name != "__init__.py"}
+    paths = {module_name(path): path for path in python_files(SOURCE) if path.name != "__init__.py"}
     imports = {
         name: imports_at_run_time(path) & paths.keys() - (MUTUAL if name in MUTUAL else set())
         for name, path in paths.items()
@@ -84,7 +85,7 @@ def test_no_module_imports_itself_through_other_modules():
 
 @pytest.mark.parametrize("room", BLOCK_ROOMS)
 def test_blocks_import_no_module_with_external_access(room):
-    for path in (SOURCE / room).rglob("*.py"):
+    for path in python_files(SOURCE / room):
         for node in nodes_of(path):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []

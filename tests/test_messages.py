@@ -15,8 +15,8 @@ from baqueano.diagnostics import Diagnostic, Severity, StopReason, Verdict, note
 from baqueano.errors import BaqueanoError, SafetyStop, UsageError, exit_code_error
 from baqueano.messages import ROOMS, templates, text
 from baqueano.messages.language import use_language
+from tests.syntax import SOURCE, function_name, nodes_of, python_files
 
-SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
 ROOMS_OF_CODE = sorted(  # all files except the one that makes the sentences
     path.name
     for path in SOURCE.iterdir()
@@ -58,6 +58,11 @@ def name_of(node):
     return node.id if isinstance(node, ast.Name) and node.id != "text" else ""  # a text by itself is a file's
 
 
+def nodes_in(text):
+    """Return all nodes of a text, the module first."""
+    return list(ast.walk(ast.parse(text)))
+
+
 def prose(node, constants):
     """Return whether a literal, or a constant of the module, has two words in a row."""
     if isinstance(node, ast.Tuple | ast.List | ast.Set):
@@ -69,16 +74,16 @@ def prose(node, constants):
     return node.value not in MACHINES_WORDS | NAMES and bool(WORDS.search(node.value))
 
 
-def readers(tree):
-    """Return the lines on which the code reads a sentence."""
+def readers(nodes):
+    """Yield the lines on which the code of a module reads a sentence."""
     constants = {
         target.id
-        for node in tree.body
+        for node in nodes[0].body
         if isinstance(node, ast.Assign) and prose(node.value, set())
         for target in node.targets
         if isinstance(target, ast.Name)
     }
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             about = name_of(node.func.value)
             reads = node.func.attr in READING
@@ -99,11 +104,9 @@ def readers(tree):
 
 @pytest.mark.parametrize("room", ROOMS_OF_CODE)
 def test_no_source_code_reads_a_sentence(room):
-    files = [SOURCE / room] if room.endswith(".py") else sorted((SOURCE / room).rglob("*.py"))
+    files = [SOURCE / room] if room.endswith(".py") else python_files(SOURCE / room)
     offenders = [
-        f"{path.relative_to(SOURCE)} line {line}"
-        for path in files
-        for line in readers(ast.parse(path.read_text(encoding="utf-8")))
+        f"{path.relative_to(SOURCE)} line {line}" for path in files for line in readers(nodes_of(path))
     ]
     assert not offenders, f"these decide by words: give what they ask for a code. {offenders}"
 
@@ -117,23 +120,23 @@ def test_no_source_code_reads_a_sentence(room):
     ],
 )  # fmt: skip
 def test_code_that_reads_a_sentence_is_detected(line):
-    assert list(readers(ast.parse(line)))
+    assert list(readers(nodes_in(line)))
 
 
 @pytest.mark.parametrize(
     "line", ['name.startswith("-")', "why.code == StopReason.TILT", "host.partition(':')", "x in why.figures"]
 )
 def test_code_that_reads_codes_and_names_is_accepted(line):
-    assert not list(readers(ast.parse(line)))
+    assert not list(readers(nodes_in(line)))
 
 
 OF_PROGRAMMERS = {"ValueError", "TypeError"}  # of Python: caught within the room, or for a programmer
 OF_PYTHON = {"on_demand.py"}  # the AttributeError of a module, in Python's words
 
 
-def literal_raises(tree):
-    """The lines on which an error is raised with a sentence in place of a code."""
-    for node in ast.walk(tree):
+def literal_raises(nodes):
+    """Yield the lines on which an error is raised with a sentence in place of a code."""
+    for node in nodes:
         if not (isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call)):
             continue
         kind, arguments = ast.unparse(node.exc.func).rpartition(".")[2], node.exc.args
@@ -148,9 +151,9 @@ def literal_raises(tree):
 def test_each_error_is_raised_with_a_code():
     offenders = [
         f"{path.relative_to(SOURCE)} line {line}"
-        for path in sorted(SOURCE.rglob("*.py"))
+        for path in python_files(SOURCE)
         if path.relative_to(SOURCE).as_posix() not in OF_PYTHON
-        for line in literal_raises(ast.parse(path.read_text(encoding="utf-8")))
+        for line in literal_raises(nodes_of(path))
     ]
     assert not offenders, f"raise it with Error.of(code, …), and write a template: {offenders}"
 
@@ -160,7 +163,7 @@ LITERAL = 'raise UsageError("no such run")', 'raise OSError(5, f"{x} is shut")',
 
 @pytest.mark.parametrize("line", LITERAL)
 def test_an_error_with_a_literal_sentence_is_detected(line):
-    assert list(literal_raises(ast.parse(line)))
+    assert list(literal_raises(nodes_in(line)))
 
 
 TESTS = Path(__file__).parent
@@ -175,8 +178,8 @@ def triples(sentence):
         yield from (three for three in threes if "".join(three).isalpha())
 
 
-def quotations(tree, phrases):
-    """The lines on which an assertion has a literal with three words in a row of a message."""
+def quotations(nodes, phrases):
+    """Return the lines on which an assertion has a literal with three words in a row of a message."""
 
     def quotes(node):
         literals = [part.value for part in ast.walk(node) if isinstance(part, ast.Constant)]
@@ -184,14 +187,15 @@ def quotations(tree, phrases):
 
     lines = {
         key.value.lineno
-        for key in ast.walk(tree)
+        for key in nodes
         if isinstance(key, ast.keyword) and key.arg == "match" and quotes(key.value)
     }
-    checks = [node.test for node in ast.walk(tree) if isinstance(node, ast.Assert)]
+    checks = [node.test for node in nodes if isinstance(node, ast.Assert)]
     for node in (part for check in checks for part in ast.walk(check)):
-        if isinstance(node, ast.Compare) and ".code" not in ast.unparse(node):
+        if isinstance(node, ast.Compare):
             sides = [side for side in (node.left, *node.comparators) if not isinstance(side, ast.Call)]
-            lines |= {node.lineno} if any(map(quotes, sides)) else set()
+            if any(map(quotes, sides)) and ".code" not in ast.unparse(node):
+                lines.add(node.lineno)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             reads = node.func.attr in READING | MATCHING | {"count"} and any(map(quotes, node.args))
             lines |= {node.lineno} if reads else set()
@@ -202,17 +206,17 @@ def test_tests_assert_codes_and_rarely_quote_a_message():
     phrases = {three for template in templates().values() for three in triples(template)}
     places = [
         f"{path.relative_to(TESTS)} line {line}"
-        for path in sorted(TESTS.rglob("*.py"))
-        for line in sorted(quotations(ast.parse(path.read_text(encoding="utf-8")), phrases))
+        for path in python_files(TESTS)
+        for line in sorted(quotations(nodes_of(path), phrases))
     ]
     assert len(places) <= MAX_QUOTES, f"assert code and figures (tests/codes.py): {places}"
 
 
 def test_an_assertion_that_quotes_a_message_is_detected():
     phrases = set(triples("the {name} bus is stuck low"))
-    assert quotations(ast.parse('assert "bus is stuck" in words'), phrases) == {1}
-    assert quotations(ast.parse('with refused(kind, match="bus is stuck low"):\n    pass'), phrases) == {1}
-    assert quotations(ast.parse('assert reason.code == "bus.stuck"'), phrases) == set()
+    assert quotations(nodes_in('assert "bus is stuck" in words'), phrases) == {1}
+    assert quotations(nodes_in('with refused(kind, match="bus is stuck low"):\n    pass'), phrases) == {1}
+    assert quotations(nodes_in('assert reason.code == "bus.stuck"'), phrases) == set()
 
 
 def test_each_code_has_one_template():
@@ -240,11 +244,11 @@ def test_each_reason_to_stop_has_a_sentence():
 
 def diagnostics_in_the_code():
     """Return code and figure names of each diagnostic that the source makes with literal names."""
-    for path in SOURCE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for path in python_files(SOURCE):
+        for node in nodes_of(path):
             if not (isinstance(node, ast.Call) and node.args):
                 continue
-            first, maker = node.args[0], ast.unparse(node.func)
+            first, maker = node.args[0], function_name(node)
             is_fault = maker == "fault" or maker.endswith(".of")  # FileError.of(code, …)
             if maker in ("stop", "because") and isinstance(first, ast.Attribute):
                 code = str(getattr(StopReason, first.attr, ""))
@@ -273,10 +277,10 @@ def test_each_diagnostic_contains_the_figures_that_its_template_needs():
 def codes_in_the_code():
     """Return the literals of the source, and patterns of those with computed parts."""
     literals, patterns = set(), set()
-    for path in SOURCE.rglob("*.py"):
+    for path in python_files(SOURCE):
         if "english" in path.parts:
             continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes_of(path):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 literals.add(node.value)
             if isinstance(node, ast.JoinedStr) and isinstance(node.values[0], ast.Constant):

@@ -4,9 +4,9 @@
 import ast
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
-SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
+from tests.syntax import SOURCE, function_name, nodes_of, python_files
+
 SENTENCE = re.compile(r"(?:[A-Za-z']+,? ){3,}[A-Za-z']+")  # four words in a row
 MARKS = {"_", "N_", "parameter", "translate", "mark"}
 HELP = {"help", "epilog", "short_help", "metavar"}
@@ -46,11 +46,10 @@ NUMBERS_AND_COMMANDS = {"float", "baqueano_command"}  # calls whose texts no per
 def sentences(tree: ast.AST) -> Iterator[tuple[int, str]]:
     """Yield line and text of each sentence that is not translated."""
     for node in ast.iter_child_nodes(tree):
-        if isinstance(node, ast.Call):
-            name = ast.unparse(node.func).rpartition(".")[2]
-            if name in MARKS | OF_DEVELOPERS:
-                continue
-            node.keywords = [keyword for keyword in node.keywords if keyword.arg not in HELP]
+        if isinstance(node, ast.Call) and function_name(node).rpartition(".")[2] in MARKS | OF_DEVELOPERS:
+            continue
+        if isinstance(node, ast.keyword) and node.arg in HELP:
+            continue
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             continue  # a docstring
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and SENTENCE.search(node.value):
@@ -60,11 +59,11 @@ def sentences(tree: ast.AST) -> Iterator[tuple[int, str]]:
 
 def test_every_displayed_sentence_is_translated():
     texts = []
-    for path in sorted(SOURCE.rglob("*.py")):
+    for path in python_files(SOURCE):
         place = path.relative_to(SOURCE)
         if place.parts[0] in ELSEWHERE or place.as_posix() in OTHER_TEXT:
             continue
-        sentence_list = sentences(ast.parse(path.read_text(encoding="utf-8")))
+        sentence_list = sentences(nodes_of(path)[0])
         texts += [f"{place}:{line}: {words!r}" for line, words in sentence_list if not CODE.search(words)]
     assert texts == [], "write a template of messages/, or _(…)"
 
@@ -78,7 +77,7 @@ def test_an_untranslated_sentence_is_detected():
 def bare_fractions(node: ast.AST) -> Iterator[tuple[int, str]]:
     """Yield line and text of each fraction that is written without `number`, so always with a decimal point."""
     for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.Call) and ast.unparse(child.func) in NUMBERS_AND_COMMANDS:
+        if isinstance(child, ast.Call) and function_name(child) in NUMBERS_AND_COMMANDS:
             continue
         if isinstance(child, ast.FormattedValue) and child.format_spec is not None:
             spec = ast.unparse(child.format_spec)[2:-1]
@@ -90,13 +89,11 @@ def bare_fractions(node: ast.AST) -> Iterator[tuple[int, str]]:
 def test_every_displayed_fraction_has_the_decimal_sign_of_the_language():
     """A fraction travels as a number in a figure of a message, or passes through `number`."""
     texts = []
-    for path in sorted(SOURCE.rglob("*.py")):
+    for path in python_files(SOURCE):
         place = path.relative_to(SOURCE)
         if "symbolic" in place.parts or "animation" in place.parts or place.as_posix() in IN_FILE_NOTATION:
             continue
-        texts += [
-            f"{place}:{line}: {words}" for line, words in bare_fractions(ast.parse(path.read_text("utf-8")))
-        ]
+        texts += [f"{place}:{line}: {words}" for line, words in bare_fractions(nodes_of(path)[0])]
     assert texts == [], "give the number to note(…), or write number(…)"
 
 

@@ -15,8 +15,8 @@ from baqueano.messages import templates
 from baqueano.messages.language import LANGUAGES
 from docs.site.reference import catalogue_file
 from tests.catalogues import fields, places, read_catalogue
+from tests.syntax import ROOT as DOCS, SOURCE, nodes_of, python_files
 
-SOURCE = Path(__file__).parents[1] / "src" / "baqueano"
 WORDS = 25  # of a sentence; a figure counts as one
 NEGATION = re.compile(r"\b(is|are|was|were|has|have|had) (no|none|neither|nobody)\b(?! longer| more| effect)")
 SAYING = re.compile(r"\b(told|foretells?|coloured|whoever|whatever|cannot be (told|seen))\b")
@@ -41,7 +41,6 @@ def test_a_message_is_in_plain_language():
         )
 
 
-DOCS = Path(__file__).parents[1]
 PAGES = (  # except those that the code writes
     "README.md",
     "README.es.md",
@@ -128,11 +127,11 @@ class Contents(NamedTuple):
 
 @cache
 def contents_of(folder: Path) -> Contents:
-    """Return the docstrings and names of all modules of a folder; each module is parsed once."""
+    """Return the docstrings and names of all modules of a folder."""
     contents = Contents([], [])
-    for path in sorted(folder.rglob("*.py")):
+    for path in python_files(folder):
         file = path.relative_to(SOURCE if folder == SOURCE else DOCS).as_posix()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in nodes_of(path):
             if isinstance(node, DOC_NODES) and (docstring := ast.get_docstring(node)):
                 contents.docstrings.append((file, docstring))
             contents.names.extend((file, type(node), name) for name in defined_names(node))
@@ -246,8 +245,8 @@ def test_no_name_in_the_code_contains_a_verb_of_saying_or_is_an_adverb():
 def test_no_key_of_a_row_is_a_verb_of_saying():
     keys = {
         f"{path.relative_to(SOURCE)}: {key.value}"
-        for path in SOURCE.rglob("*.py")
-        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for path in python_files(SOURCE)
+        for function in nodes_of(path)
         if isinstance(function, ast.FunctionDef) and re.fullmatch(r"_?(\w+_)?(row|rows|cells)", function.name)
         for row in ast.walk(function)
         if isinstance(row, ast.Dict)

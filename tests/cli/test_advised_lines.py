@@ -17,8 +17,8 @@ from baqueano.cli.subcommands import SUBCOMMANDS, load_command
 from baqueano.diagnostics import nearest
 from baqueano.messages import templates, text
 from baqueano.messages.printable import baqueano_command
+from tests.syntax import SOURCE, nodes_of, python_files
 
-SOURCE = Path(package.__file__).parent
 WORD = r"\{[^}]*\}|[A-Z][A-Z_]*(?:\.[a-z]+)?|--[a-z-]+"  # a command line within a sentence
 LINE = re.compile(rf"baqueano ((?:{'|'.join(SUBCOMMANDS)})\b(?: [a-z-]+(?=[ ,.;:)]|$))?(?: (?:{WORD}))*)")
 ADVICE = re.compile(rf"baqueano ((?:{'|'.join(SUBCOMMANDS)})\b[^.\n]*(?:\.toml[^.\n]*)?)")
@@ -48,11 +48,11 @@ def verb_of(node):
 
 def advised():
     """Yield each advised command line, in each way to read its words, with its file and line."""
-    for path in sorted(SOURCE.rglob("*.py")):
+    for path in python_files(SOURCE):
         place, source = path.relative_to(SOURCE), path.read_text(encoding="utf-8")
         if "baqueano_command" not in source and "baqueano " not in source:
             continue
-        for node in ast.walk(ast.parse(source)):
+        for node in nodes_of(path):
             if isinstance(node, ast.Call) and verb_of(node):
                 yield f"{place}:{node.lineno}", list(of_call(node))
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
@@ -111,7 +111,7 @@ def test_the_source_quotes_every_argument_of_an_advised_line():
     unquoted_command = re.compile(rf"f\"baqueano (?:{'|'.join(SUBCOMMANDS)}) [^\"]*\{{")
     offenders = [
         path.name
-        for path in SOURCE.rglob("*.py")
+        for path in python_files(SOURCE)
         if unquoted_command.search(path.read_text(encoding="utf-8"))
     ]
     assert offenders == []
