@@ -73,7 +73,8 @@ class Trial:
         self.faults[note(code, severity, subject=name, place=place_text, **figures)] = None
 
     def checked_call(self, method_name: str, context: Diagnostic, *arguments: object) -> Any:
-        """Return the result of a call. Repeat some calls, and store faults if results, arguments or the block change.
+        """Return the result of a call. Store a fault if it changes its arguments. Repeat some calls, and store faults
+        if their results differ or the block changed.
 
         Raise CheckAborted if the block raises an exception.
         """
@@ -81,13 +82,13 @@ class Trial:
         first = self._call(method_name, context, arguments)
         if _freeze(arguments) != frozen_arguments:
             self.add_fault("check.changes-arguments", method_name, situation=context)
-        if self._is_call_repeated(method_name, context) and _freeze(first) != _freeze(
-            self._call(method_name, context, copy.deepcopy(arguments))
-        ):
+        if not self._is_call_repeated(method_name, context):
+            return first
+        if _freeze(first) != _freeze(self._call(method_name, context, copy.deepcopy(arguments))):
             self.add_fault("check.not-deterministic", method_name, situation=context)
-        if _freeze(_fields(self.block)) != self._frozen_fields:
+        if (frozen_fields := _freeze(_fields(self.block))) != self._frozen_fields:
             self.add_fault("check.block-changed", method_name, situation=context)
-            self._frozen_fields = _freeze(_fields(self.block))
+            self._frozen_fields = frozen_fields
         return first
 
     def _is_call_repeated(self, method_name: str, context: Diagnostic) -> bool:
