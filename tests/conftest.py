@@ -38,22 +38,24 @@ from tests.turns import lock_files, turn
 
 HERE = Path(__file__).parent
 SLOW = {  # folders and files
-    "calibration", "cli", "design", "door", "drive", "emulated", "fuzz", "identify", "monitor", "report", "robot",
-    "selection", "study", "sweep", "tune", "validation", "web",
+    "calibration", "cli", "design", "door", "drive", "emulated", "fuzz", "identify", "monitor", "report",
+    "robot", "selection", "study", "sweep", "tune", "validation", "web", "blocks/test_blocks_of_the_package.py",
     "compare/test_comparison_of_runs.py", "compare/test_consistency.py", "compare/test_corridor.py",
-    "compare/test_evenness.py", "compare/test_laps.py", "controllers/test_model_following.py",
-    "controllers/test_mpc.py", "estimators/test_augmented_ekf.py", "estimators/test_complementary.py",
-    "estimators/test_dead_reckoning.py", "estimators/test_ekf_ages.py", "estimators/test_ekf_laws.py",
-    "estimators/test_ekf_pauses.py", "estimators/test_every_sensor.py", "estimators/test_place_gate.py",
-    "estimators/test_smoother.py", "estimators/test_unscented.py", "guides/test_repeat_by_progress.py",
-    "routes/test_profile.py", "runs/test_damage_is_bounded.py", "runs/test_durability.py",
-    "runs/test_hostile_recordings.py", "runs/test_import.py", "runs/test_import_findings.py",
-    "runs/test_import_recordings.py", "runs/test_importing_page.py", "sensors/test_noise.py",
-    "simulate/test_closed_loop.py", "symbolic/test_c_compile.py", "symbolic/test_c_emit.py",
+    "compare/test_evenness.py", "compare/test_laps.py", "controllers/test_model_errors.py",
+    "controllers/test_model_following.py", "controllers/test_mpc.py", "estimators/test_augmented_ekf.py",
+    "estimators/test_complementary.py", "estimators/test_dead_reckoning.py", "estimators/test_ekf_ages.py",
+    "estimators/test_ekf_laws.py", "estimators/test_ekf_pauses.py", "estimators/test_every_sensor.py",
+    "estimators/test_inconsistency.py", "estimators/test_noise_levels.py", "estimators/test_place_gate.py",
+    "estimators/test_repetition.py", "estimators/test_sideslip.py", "estimators/test_smoother.py",
+    "estimators/test_unscented.py", "guides/test_repeat_by_progress.py", "routes/test_profile.py",
+    "runs/test_damage_is_bounded.py", "runs/test_durability.py", "runs/test_hostile_recordings.py",
+    "runs/test_import.py", "runs/test_import_findings.py", "runs/test_import_recordings.py",
+    "runs/test_importing_page.py", "sensors/test_noise.py", "simulate/test_closed_loop.py",
+    "symbolic/test_c_compile.py", "symbolic/test_c_emit.py", "symbolic/test_c_kernels.py",
     "symbolic/test_jacobian.py", "symbolic/test_scan.py", "test_any_laptop.py", "test_benchmarks.py",
-    "test_docs.py", "test_examples.py", "test_first_evening.py", "test_house.py", "test_layers.py", "test_notebooks.py",
-    "test_site.py", "test_wheel.py", "vehicle_file/test_garage.py", "vehicles/test_continuous_time.py",
-    "worlds/test_long_ticks.py", "worlds/test_shaken.py",
+    "test_docs.py", "test_examples.py", "test_first_evening.py", "test_house.py", "test_layers.py",
+    "test_notebooks.py", "test_site.py", "test_wheel.py", "vehicle_file/test_garage.py",
+    "vehicles/test_continuous_time.py", "worlds/test_long_ticks.py", "worlds/test_shaken.py",
 }  # fmt: skip
 
 LONG_RUNS = {  # whose kernels run long enough to be worth an optimisation
