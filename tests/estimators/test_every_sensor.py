@@ -5,7 +5,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from baqueano.block_checks import check_estimator, compilation_notes
 from baqueano.compare.errors import wrap
 from baqueano.geometry import compose, map_from_body
 from baqueano.runs.filter_ticks import make_ticks
@@ -103,12 +102,3 @@ def test_shifting_and_rotating_the_map_moves_the_estimate_equally(kind, keys, at
         J = np.eye(6)
         J[:3, :3] = map_from_body(turn)
         np.testing.assert_allclose(moved_estimates.cov, J @ original.cov @ J.T, atol=atol)
-
-
-@pytest.mark.parametrize("name", ["small", "car"])
-@pytest.mark.parametrize("kind", ["complementary", "dead_reckoning", "unscented"])
-def test_an_estimator_passes_the_block_check_and_compiles(kind, name):
-    file = load(name)
-    block = file.estimator(kind=kind)
-    assert check_estimator(block, file.sensors, file.vehicle.commands) == []
-    assert compilation_notes("estimator", block, file.sensors, file.vehicle.commands) == []

@@ -5,7 +5,6 @@ motors.
 import numpy as np
 import pytest
 
-from baqueano.block_checks import check
 from baqueano.errors import FileError
 from baqueano.vehicle_file import garage_names, load
 from tests.codes import includes, refused, within
@@ -25,18 +24,7 @@ def drive_vehicle(u, duration_s=2.0, vehicle=None):
 
 def test_the_garage_contains_three_vehicles():
     assert garage_names() == ("car", "case-study-1", "small")
-
-
-@pytest.mark.parametrize("name", garage_names())
-def test_every_block_of_every_garage_vehicle_passes_the_check(name):
-    file = load(name)
-    n = file.vehicle.commands
-    assert file.name == name
-    assert check("vehicle", file.vehicle) == []
-    assert [check("sensor", sensor) for sensor in file.sensors] == [[]] * len(file.sensors)
-    assert check("estimator", file.estimator(), file.sensors, n) == []
-    assert check("controller", file.controller(), commands=n) == []
-    assert check("supervisor", file.supervisor(), file.sensors, n) == []
+    assert [load(name).name for name in garage_names()] == [*garage_names()]
 
 
 def test_case_study_1_has_the_numbers_of_the_paper():
