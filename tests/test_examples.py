@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import numpy
@@ -95,11 +96,13 @@ def examples_of(module: str) -> list[doctest.DocTest]:
     """Return the docstrings with examples of a module; they run with the names of this module, np and bq."""
     names = {"np": numpy, "bq": baqueano, **vars(importlib.import_module(module))}
     parse = doctest.DocTestParser().get_doctest
-    return [
-        parse(text, names, name, module, line)
-        for name, text, line in docstrings(ast.parse(TEXTS[module]), module)
-        if ">>> " in text
-    ]
+    return [parse(text, names, name, module, line) for name, text, line in docstrings_with_examples(module)]
+
+
+@cache
+def docstrings_with_examples(module: str) -> list[tuple[str, str, int]]:
+    """Return name, docstring and line of the definitions of a module that have an example."""
+    return [entry for entry in docstrings(ast.parse(TEXTS[module]), module) if ">>> " in entry[1]]
 
 
 def docstrings(node: ast.AST, name: str) -> Iterator[tuple[str, str, int]]:
