@@ -41,7 +41,7 @@ SUBCOMMANDS = [
     "replay 1 --vehicle small -o again.mcap",
     "simulate --vehicle small --seconds 0.3 -o tiny.mcap",
     "blocks ls --vehicle small",
-    "blocks check ekf",
+    "blocks check imu",
     "runs import w.toml log.csv -o imported.mcap",
     "runs show cut.mcap",
     "runs recover cut.mcap",
