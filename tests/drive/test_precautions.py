@@ -117,6 +117,13 @@ def test_the_lead_in_radius_is_possible_for_the_vehicle(name):
     assert Capability(file).share(0.4, 0.4 / limits["radius_m"]) < 1.0
 
 
+def test_the_lead_in_ramp_is_the_time_of_a_slow_servo_at_full_lock():
+    """κ rises to its largest value / 1.3 along 1 − exp(−t/λ). Before, the ramp was λ / 0.3."""
+    lag_s = 0.2
+    limits = approach_limits(circle(3.0, 1.0), load("car").with_values({"model.yaw_lag_s": lag_s}))
+    assert limits["ramp_m"] == pytest.approx(lag_s * np.log(1.3 / 0.3), rel=0.05)
+
+
 def test_a_vehicle_returns_to_its_route_after_a_push():
     run = repeat(SMALL, LAP, shake=["3 s: push 0.5 N s left"])
     distance, _ = off_route(run, LAP)

@@ -1,5 +1,7 @@
 """A path from the pose of the vehicle: it reaches its goal within its radius and its speed."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -84,6 +86,18 @@ def test_a_car_with_a_slow_servo_joins_its_route_soon_from_rest(y, psi):
     kappa_change = np.abs(np.diff(r / v)) / DT
     assert np.max(kappa_change) < 1.01 / (radius_m * ramp_s)
     assert len(out) * DT < 3.5
+
+
+@pytest.mark.parametrize("ramp_ratio", [0.6, 1.0, 2.0])
+def test_a_moving_car_with_a_slow_servo_joins_its_route_without_a_loop(ramp_ratio):
+    """Before, the goals ended three radii ahead, which is too near for slow changes of the curvature."""
+    radius_m, v = 0.5, 1.0
+    route = circle(4.0, v)
+    guide = DriveTo.to_route(route, radius_m=radius_m, ramp_m=ramp_ratio * radius_m, speed_m_s=v)
+    for x, y, psi in itertools.product((-0.2, 0.0, 0.2), (0.2, -0.2), (0.52, -0.52)):
+        state, _ = guide.step(guide.init(), estimate_at((x, y, psi), v=v))
+        turn_rad = np.sum(np.abs(np.mean(state.path.kappa, axis=0)) * state.path.piece_m)
+        assert turn_rad < np.pi, (x, y, psi)
 
 
 def test_a_slight_offset_is_not_driven_in_a_loop():

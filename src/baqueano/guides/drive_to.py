@@ -30,7 +30,13 @@ MAX_GOAL_DISTANCE_M, MAX_GOAL_ANGLE_RAD = 0.01, np.radians(2.0)
 MIN_SPEED_M_S = 0.02  # lower bound of σ̇, so that the reference reaches the goal
 REST_M_S, REST_RAD_S, SETTLE_S = 0.01, 0.05, 2.0  # a vehicle at a goal is at rest below these speeds
 GOAL_SPACING_M = 0.125
-JOIN_LENGTH_M, JOIN_RADII = 1.0, 3.0  # length of the route, from its start, on which the vehicle can join it
+JOIN_LENGTH_M = 1.0  # least length of the route, from its start, on which the vehicle can join it
+JOIN_RADII, JOIN_RAMPS = 3.0, 2.0  # and in radii and ramps of the path
+
+
+def join_length_m(radius_m: float, ramp_m: float) -> float:
+    """Return the length [m] of a route, from its start, on which a path with this radius and ramp can end."""
+    return max(JOIN_LENGTH_M, JOIN_RADII * radius_m + JOIN_RAMPS * ramp_m)
 
 
 class DriveToState(NamedTuple):
@@ -98,11 +104,11 @@ class DriveTo:
     def to_route(cls, route: Route, reach_m: float = JOIN_LENGTH_M, **limits: float) -> "DriveTo":
         """Return the guide to a route: the goals are poses at its start, but at most in its first half.
 
-        They are on its first `reach_m`, or on JOIN_RADII times the radius in `limits`, if this is longer.
+        They are on its first `reach_m`, or on `join_length_m` of the `limits`, if this is longer.
         """
         s = np.append(0.0, np.cumsum(np.hypot(*np.diff(route.eta[:, :2], axis=0).T)))
-        length_m = max(reach_m, JOIN_RADII * limits.get("radius_m", 0.0))
-        distances = np.linspace(0.0, min(length_m, 0.5 * s[-1]), 1 + round(length_m / GOAL_SPACING_M))
+        length_m = max(reach_m, join_length_m(limits.get("radius_m", 0.0), limits.get("ramp_m", 0.0)))
+        distances = np.arange(0.0, min(length_m, 0.5 * s[-1]) + 1e-9, GOAL_SPACING_M)
         next_index = np.searchsorted(s, distances - 1e-12)
         previous_index = np.maximum(next_index - 1, 0)
         index = previous_index + (distances - s[previous_index]) / np.where(

@@ -17,7 +17,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from baqueano.contracts.values import Tree
-from baqueano.guides.drive_to import GOAL_SPACING_M, JOIN_LENGTH_M, JOIN_RADII, DriveTo, DriveToState
+from baqueano.guides.drive_to import GOAL_SPACING_M, DriveTo, DriveToState, join_length_m
 from baqueano.parameter import document, parameter
 from baqueano.signals import NANOSECONDS, Estimate, Reference, seconds
 from baqueano.vehicles.bounds import check_bounds
@@ -109,7 +109,7 @@ class GuideAtPace:
     def _with_lead_in(self, state: PaceState, estimate: Estimate) -> PaceState:
         """Return the state at the start of a path from the vehicle to one of the next references of the guide.  (4)"""
         assert self.lead_in is not None
-        length_m = max(JOIN_LENGTH_M, JOIN_RADII * self.lead_in.radius_m)
+        length_m = join_length_m(self.lead_in.radius_m, self.lead_in.ramp_m)
         guide_ns, entries = state.guide_ns, []
         guide, reference = self.guide.step(state.guide, estimate._replace(t_ns=guide_ns))
         step_m = GOAL_SPACING_M / GOAL_STEPS

@@ -144,9 +144,19 @@ def approach_limits(route: Route, vehicle_file: VehicleFile) -> dict[str, float]
         turn = float(capability.fastest_turn(speeds)[0])
         if turn > 0.0:
             radius_m = float(np.clip(RADIUS_MARGIN * v / turn, MIN_RADIUS_M, MAX_RADIUS_M))
-        r = v / radius_m
-        change = float(capability.fastest_turn_change(speeds, np.array([r]))[0])
-        ramp_s = float(np.clip(r / change if change > 0.0 else MAX_RAMP_S, MIN_RAMP_S, MAX_RAMP_S))
+        ramp_s = float(np.clip(_ramp_s(capability, v, v / radius_m), MIN_RAMP_S, MAX_RAMP_S))
     except TraceError:  # a user's vehicle that cannot be compiled
         pass
     return {"speed_m_s": v, "radius_m": radius_m, "ramp_m": v * ramp_s}
+
+
+def _ramp_s(capability: Capability, v: float, r: float) -> float:
+    """Return the time [s] in which the yaw rate at the speed `v` rises from 0 to `r` with full command.
+
+    ṙ decreases exponentially from its first to its last value, as with the lag of a servo, of tyres or of a motor.
+    """
+    first, last = map(float, capability.fastest_turn_change(np.array([v, v]), np.array([0.0, r])))
+    if last <= 0.0:
+        return MAX_RAMP_S
+    ratio = first / last
+    return r / last * (np.log(ratio) / (ratio - 1.0) if abs(ratio - 1.0) > 1e-6 else 1.0)
