@@ -75,7 +75,6 @@ class Horizon:
         self._limit, self._e_max, self._catch_up_m_s = law.limit, law.e_max, law.catch_up_m_s
         self._active_rows = np.eye(vehicle.commands)[law.limit > 0.0]  # (k, n) commands with a limit above 0
         self._k, self._step_s = len(self._active_rows), law.horizon_s / STEPS
-        self._substeps = max(1, int(np.ceil(self._step_s / MAX_STEP_S)))
         max_command = self._active_rows @ np.minimum(law.limit, NO_LIMIT)
         max_change = law.command_change_max * np.where(max_command < NO_LIMIT, max_command, 1.0)
         self._max_change = max_change
@@ -84,8 +83,8 @@ class Horizon:
         wall = np.array([law.wall_low, law.wall_high])
         self._with_wall = np.isfinite(wall).any(axis=0)
         self._walls = np.tile(wall[:, self._with_wall], STEPS)  # (2, w)
-        self._weights = np.repeat(np.eye(STEPS), self._substeps, axis=0)
-        self._end_of_step = slice(self._substeps - 1, None, self._substeps)
+        self.wall_count = self._walls.shape[1]  # w: coordinates with a wall, over all steps
+        self._no_walls = np.zeros((0, STEPS * self._k)), *np.zeros((2, 0))
 
     def rest_state(self) -> tuple[np.ndarray, np.ndarray, Tree]:
         """Return the plan (N, k), the effort (k,) and the state of the drivetrain after a long time at rest."""
@@ -110,27 +109,23 @@ class Horizon:
         has_plan, poses = float(state.t_ns >= 0), (estimate.eta, estimate.nu, reference.eta, reference.nu)
         E, *model, start = self._begin_kernel(state[1:6], dt_s, has_plan, *poses)
         outputs, jacobians = self._kernel(z := E.ravel(), start)
-        outputs, jacobians = outputs[self._end_of_step], jacobians[self._end_of_step]
         r, J = outputs[:, :RESIDUALS].reshape(-1), jacobians[:, :RESIDUALS].reshape(-1, len(z))
         P = J.T.dot(J)
-        q = r.dot(J) - P.dot(z)
+        q = r.dot(J)
+        q -= P.dot(z)
         q[: self._k] -= state.effort / self._max_change
         if not isfinite(q.dot(q)):
             return E, *model, None
         P += self._P
-        A, (low, high) = jacobians[:, RESIDUALS:].reshape(-1, len(z)), self._walls
-        if len(A):
-            low, high = self._walls - (outputs[:, RESIDUALS:].ravel() - A @ z)
+        if not self.wall_count:
+            return E, *model, QuadraticProgram(P, q, *self._no_walls)
+        A = jacobians[:, RESIDUALS:].reshape(-1, len(z))
+        low, high = self._walls - (outputs[:, RESIDUALS:].ravel() - A.dot(z))
         return E, *model, QuadraticProgram(P, q, A, low, high)
 
     def command(self, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the command (n,) for a step of the plan (k,), within the limits, and the effort (k,) of it."""
         return self._command_kernel(step)
-
-    @property
-    def wall_count(self) -> int:
-        """Return w, the number of coordinates with a wall, over all steps."""
-        return self._walls.shape[1]
 
     @cached_property
     def _begin_kernel(self) -> Any:
@@ -140,7 +135,7 @@ class Horizon:
 
     @cached_property
     def _kernel(self) -> Any:
-        return self._scan().bind_sensitivities(self._weights)
+        return self._scan().bind_sensitivities(np.eye(STEPS))
 
     @cached_property
     def _command_kernel(self) -> Any:
@@ -194,7 +189,8 @@ class Horizon:
 
     def _scan(self) -> Scan:
         """Return the kernel, which computes r and the coordinates with walls at the end of each step."""
-        dt_s, rest_state = self._step_s / self._substeps, self._linear_vehicle.drivetrain.init()
+        substeps = max(1, int(np.ceil(self._step_s / MAX_STEP_S)))
+        dt_s, rest_state = self._step_s / substeps, self._linear_vehicle.drivetrain.init()
         offsets = np.cumsum(
             [3, 3, rest_state.past_commands.size, rest_state.steps_s.size, rest_state.lag_state.size, 3, 3]
         )
@@ -207,11 +203,13 @@ class Horizon:
             motors = DrivetrainState(
                 np.reshape(motor_parts[0], rest_state.past_commands.shape), *motor_parts[1:]
             )
-            effort = row @ np.reshape(theta, (STEPS, self._k)) * self._max_change
+            effort = self._active_rows.T @ (row @ np.reshape(theta, (STEPS, self._k)) * self._max_change)
             state = VehicleState(eta, nu, np.zeros(3), motors)
-            state, _ = self._linear_vehicle.step(state, self._active_rows.T @ effort, dt_s, np.zeros(3))
-            eta = compose(state.eta, turn_error[0] * dt_s * turn)  # (6)
-            motors, eta_r = state.drivetrain, compose(eta_r, _arc(nu_r * dt_s))
+            for _ in range(substeps):
+                state, _ = self._linear_vehicle.step(state, effort, dt_s, np.zeros(3))
+                state = state._replace(eta=compose(state.eta, turn_error[0] * dt_s * turn))  # (6)
+                eta_r = compose(eta_r, _arc(nu_r * dt_s))
+            eta, motors = state.eta, state.drivetrain
             entries = (
                 eta,
                 state.nu,
@@ -228,7 +226,7 @@ class Horizon:
             outputs = [*residuals, eta[:2][self._with_wall]]
             return np.concatenate(entries), np.concatenate(outputs)
 
-        return scan(step, np.zeros(offsets[-1] + 1), self._weights[0], np.zeros(STEPS * self._k))
+        return scan(step, np.zeros(offsets[-1] + 1), np.eye(STEPS)[0], np.zeros(STEPS * self._k))
 
 
 def _arc(displacement: np.ndarray) -> np.ndarray:
