@@ -9,8 +9,8 @@ of the first estimate, v_j and κ_j those of the route at the goal. d is the dis
 limit, (2) accelerates on half of d, and κ changes within a shorter length. κ v is continuous; at rest it is 0. ν_r has
 the sign of v_j: a route that is driven backward is reached backward. At a goal at rest, the guide is done when the
 vehicle rests, at the latest after SETTLE_S. The guide is done at once if the vehicle is within tolerance_m and
-tolerance_rad of the first goal. For a vehicle away from a route, the distance along the route to the best goal depends
-on the radius R: from up to R away and 30° off, two arcs join within 2.3 R. So (1) compares goals on JOIN_RADII R.
+tolerance_rad of the first goal. From up to the radius R beside a route and 30° off, two arcs join it within 2.3 R, and
+later if κ changes slowly. So (1) compares goals on JOIN_RADII R and JOIN_RAMPS ramps of the route.
 """
 
 from dataclasses import dataclass
