@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
+from baqueano.contracts.values import Tree
 from baqueano.diagnostics import note
 from baqueano.identify import imu_only
 from baqueano.identify.battery import with_shown_battery
@@ -34,7 +35,7 @@ from baqueano.identify.estimation.delay import (
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.identifiability import FinishedFit, fix_unidentifiable
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import adds_to_default, has_offset
+from baqueano.identify.parameters.free import MAX_DECAY_PER_ROW, adds_to_default, has_offset, substitute
 from baqueano.identify.parameters.theta import Parameters, parse_sigma
 from baqueano.identify.prediction_error_fit import fit_by_innovations, fit_by_simulation
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals
@@ -43,6 +44,8 @@ from baqueano.identify.residuals.simulation import Residuals
 from baqueano.identify.result.fit_result import Fit
 from baqueano.numerics.least_squares import Minimiser, minimise
 from baqueano.runs.run import Run
+from baqueano.vehicles.freedoms import slowing_bounds
+from baqueano.vehicles.rk4 import row_rate_hz
 
 if TYPE_CHECKING:
     from baqueano.vehicle_file import VehicleFile
@@ -117,7 +120,7 @@ def identify(
     problem = residuals.from_parameters(parameters, options.backend)
     task, end = solve(problem, parameters, options, solver=solver, progress=progress, retry=data.is_usable)
 
-    def refit(file: "VehicleFile", paths: Sequence[str] | None) -> Fit:
+    def refit(file: "VehicleFile", paths: Sequence[str] | None, options: FitOptions = options) -> Fit:
         return identify(
             runs, file, paths, use=use, options=options, residuals=residuals, solver=solver, progress=progress
         )
@@ -126,7 +129,14 @@ def identify(
     if steps is not None:
         fit = refit(vehicle_file.with_values({DUTY_STEP_PATH: 1.0 / steps}), free)
         return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
-    fit = conclude(data, parameters, task, end, options)
+    model = substitute(parameters.blocks, parameters.shape.shared_paths, end.solution.theta).model
+    bounds = _row_bounds(parameters, model, vehicle_file.rate_hz)
+    if end.stopped or not bounds:
+        fit = conclude(data, parameters, task, end, options)
+        bounds = _row_bounds(parameters, fit.blocks.model, vehicle_file.rate_hz)
+    if bounds and not end.stopped:
+        fit = refit(vehicle_file, free, replace(options, bounds={**options.bounds, **bounds}))
+        return replace(fit, notes=(*fit.notes, *(note("bound.integrable", subject=path) for path in bounds)))
     if end.stopped or not adds_to_default(free):
         return fit
     return with_shown_battery(
@@ -235,6 +245,13 @@ def conclude(
     if options.gyro_leads:
         return imu_only.make_imu_fit(end)
     return fit_by_innovations(end) if options.cost == "innovations" else fit_by_simulation(end)
+
+
+def _row_bounds(parameters: Parameters, model: Tree, rate_hz: float) -> dict[str, tuple[float, float]]:
+    """Return bounds of free parameters, within which a row can integrate the motion; {} if `model` is within them."""
+    highs = {parameter.path: parameter.high for parameter in parameters.free}
+    lows = slowing_bounds(model, list(highs), MAX_DECAY_PER_ROW * row_rate_hz(rate_hz))
+    return {path: (low, highs[path]) for path, low in lows.items() if low < highs[path]}
 
 
 def _start_theta(task: Task, parameters: Parameters) -> np.ndarray:

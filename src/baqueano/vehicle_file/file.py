@@ -32,7 +32,7 @@ from baqueano.vehicle_file.head import (
     read_top,
 )  # fmt: skip
 from baqueano.vehicle_file.paths import current_value, raise_missing_attribute, refuse_change
-from baqueano.vehicle_file.plausibility import check_body, check_drive, check_sensors
+from baqueano.vehicle_file.plausibility import check_values
 from baqueano.vehicle_file.provenance import ParameterCov, Provenance, is_measured, model_values, read_history
 from baqueano.vehicle_file.tables import ReadReport, report_unknown_key
 from baqueano.vehicle_file.text.toml_text import read_text, tables, with_present_keys
@@ -351,9 +351,7 @@ def parse(
     sensors = build.sensors(report, data.get("sensors", {}), context)
     report.raise_problems()
     command = read_command(report, channels, vehicle)
-    check_body(report, vehicle, geometry)
-    check_drive(report, vehicle, channels, top.rate_hz)
-    check_sensors(report, sensors, geometry)
+    check_values(report, vehicle, sensors, geometry, channels, top.rate_hz)
     provenance, parameter_cov = read_history(report, data, context.folder)
     envelope = read_envelope(report, data, command.names, sensors)
     report.raise_problems()

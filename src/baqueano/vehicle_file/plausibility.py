@@ -7,7 +7,7 @@
 Without a radius (1) is only a notice, so that the paper's case study can be loaded as printed (errata 4).
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,13 +24,36 @@ from baqueano.vehicles.freedoms import damping_derivatives, decay_rates
 from baqueano.vehicles.rk4 import row_rate_hz
 from baqueano.vehicles.state import DynamicVehicle
 
+if TYPE_CHECKING:
+    from baqueano.vehicle_file.file import VehicleFile
+
 MIN_DENSITY_KG_M2, MAX_DENSITY_KG_M2 = 0.5, 5000.0  # kg per m² of floor
 RK4_LIMIT = 2.785
 MIN_DENSITY_KG_M3 = 20.0  # kg/m³: the least plausible density of a body
 MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S = 30.0, 100.0  # m/s, rad/s: beyond, a notice
 
 
-def check_body(report: ReadReport, vehicle: DynamicVehicle, geometry: Geometry) -> None:
+def check_values(
+    report: ReadReport, vehicle: DynamicVehicle, sensors: SensorBlocks, geometry: Geometry, channels: Channels,
+    rate_hz: float,
+) -> None:  # fmt: skip
+    """Check the values of a vehicle and its sensors against each other, and add contradictions to `report`."""
+    _check_body(report, vehicle, geometry)
+    _check_drive(report, vehicle, channels, rate_hz)
+    _check_sensors(report, sensors, geometry)
+
+
+def value_problems(
+    vehicle_file: "VehicleFile", vehicle: DynamicVehicle, sensors: SensorBlocks
+) -> list[Diagnostic]:
+    """Return the problems for which `vehicle_file` would be refused with the values of `vehicle` and `sensors`."""
+    report = ReadReport(vehicle_file.label, vehicle_file.text)
+    head = vehicle_file.geometry, vehicle_file.command, vehicle_file.rate_hz
+    check_values(report, vehicle, sensors, *head)
+    return report.problems
+
+
+def _check_body(report: ReadReport, vehicle: DynamicVehicle, geometry: Geometry) -> None:
     """Check mass, inertia and dimensions of a rigid body, and add contradictions to `report`.  (1), (2)"""
     _check_measures(report, geometry)
     mass, inertia = getattr(vehicle, "mass_kg", None), getattr(vehicle, "inertia_kg_m2", None)
@@ -100,7 +123,7 @@ def _check_inertia(report: ReadReport, mass: float, inertia: float, geometry: Ge
         report.add_problem(path, "vehicle.inertia-of-point", measure=measure, **figures)
 
 
-def check_drive(report: ReadReport, vehicle: DynamicVehicle, channels: Channels, rate_hz: float) -> None:
+def _check_drive(report: ReadReport, vehicle: DynamicVehicle, channels: Channels, rate_hz: float) -> None:
     """Check that the vehicle can move, that a tick is short enough to integrate it, and that its speed is plausible."""
     _check_dead_zones(report, vehicle, channels)
     if is_dynamic(vehicle) and _has_acceleration(report, vehicle):
@@ -207,7 +230,7 @@ def _notice_speed(report: ReadReport, vehicle: DynamicVehicle, channels: Channel
                 return
 
 
-def check_sensors(report: ReadReport, sensors: SensorBlocks, geometry: Geometry) -> None:
+def _check_sensors(report: ReadReport, sensors: SensorBlocks, geometry: Geometry) -> None:
     """Check that each sensor is on the vehicle: its lever arm is at most 1.5 times the known distance to the edge."""
     R = reach_m(geometry)
     for name, sensor in sensors._asdict().items():

@@ -5,9 +5,10 @@ rates   −∂ν̇_i/∂ν_i at rest [1/s], the rate at which a small motion dec
 slopes  change of (2) by one unit of a parameter, if (2) is linear in it                              (3)
 k       −ν̇_i/ν_i² by one unit of a parameter, if this friction grows with the square of ν_i          (4)
 E       the effort per ν that balances the drag that is linear in ν                                    (5)
+p_min   = p b/(r_max − a), at which the rate r = a + b of (2) is r_max, if b is proportional to 1/p   (6)
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
@@ -25,6 +26,7 @@ MAX_YAW_RATE_RATIO = 0.5  # largest ratio between the yaw rates of the first and
 DRAG_SPEEDS = (5.0, 10.0, 15.0)  # in units of the speed of the dry friction
 SMALL_SPEED = 1e-8  # a speed below the range in which friction changes
 MIXED_MOTION = np.array([1.0, 0.7, 0.4])  # along all axes: no effect is 0
+RATE_TOLERANCE = 0.05  # part of a largest rate
 MIN_RATE = 1e-9  # change of a rate [1/s] below which a parameter has no effect on it
 
 
@@ -114,6 +116,27 @@ def sign_speed_paths(vehicle: DynamicVehicle) -> dict[str, str]:
     """Return, for each parameter of dry friction, the path of the speed over which it changes its sign."""
     entries = all_parameters(vehicle, "model")
     return {path: f"{path.rpartition('.')[0]}.{p.sign_speed}" for path, p in entries if p.sign_speed}
+
+
+def slowing_bounds(vehicle: Tree, paths: Sequence[str], max_rate: float) -> dict[str, float]:
+    """Return the lower bounds p_min of `paths` at which no motion decays faster than `max_rate` [1/s].  (6)
+
+    Without a decay that is more than RATE_TOLERANCE faster, {}. The speed over which dry friction changes its sign
+    takes precedence over a mass.
+    """
+    if not is_dynamic(vehicle):
+        return {}
+    model, rates, bounds = {"model": vehicle}, decay_rates(vehicle), {}
+    fields = sign_speed_paths(vehicle).values()
+    for i in np.flatnonzero(rates > (1.0 + RATE_TOLERANCE) * max_rate).tolist():
+        for path in sorted(paths, key=lambda path: path.partition("[")[0] not in fields):
+            p = float(value_at_path(model, path))
+            b = 2.0 * (rates[i] - decay_rates(with_value(model, path, 2.0 * p)["model"])[i])
+            if b > MIN_RATE and rates[i] - b < max_rate:
+                p_min = float(p * b / (max_rate - rates[i] + b))
+                bounds[path] = max(p_min, bounds.get(path, p_min))
+                break  # one bound is enough
+    return bounds
 
 
 def tyre_paths(vehicle: Tree) -> list[str]:

@@ -33,6 +33,7 @@ from baqueano.numerics.normal_equations import pseudo_inverse
 from baqueano.numerics.parallel import parallel_map
 from baqueano.numerics.statistics import explained_variance
 from baqueano.sensors.sampling import is_imu
+from baqueano.vehicle_file.plausibility import value_problems
 from baqueano.vehicle_file.provenance import is_measured
 from baqueano.vehicles.freedoms import damping_derivatives, sign_speed_paths
 
@@ -213,7 +214,7 @@ def _evidence(
         solution.converged,
         end.info.autocorrelation,
         None if end.task.fixed_sigma is not None else sensor_sigma(end.blocks.sensors),
-        findings,
+        (*findings, *value_problems(end.vehicle_file, *_fitted_blocks(end))),
         tuple(
             weak_reason(parameter, end.confused_parameters(end.identifiability.correlated, i))
             for i, parameter in enumerate(end.parameters.free)

@@ -54,6 +54,9 @@ TEMPLATES: dict[str, str] = {
     "fit.envelope": "fitted to {ranges}; outside this range, the model is not verified",
     "bound.low-held": "{subject} is at its lower bound, {bound:.4g}",
     "bound.high-held": "{subject} is at its upper bound, {bound:.4g}",
+    "bound.integrable": (
+        "the lower bound of {subject} is the least value that a step of the integrator permits with the fitted friction"
+    ),
     "bound.high-default": (
         "{subject} is at its upper bound, {bound:.4g}. This bound is not physical. Type: {fix}"
     ),
