@@ -32,8 +32,8 @@ def test_friction_of_a_sharp_sign_ends_in_a_file_that_is_accepted() -> None:
 def test_bound_of_a_sign_speed_makes_the_decay_as_fast_as_permitted() -> None:
     model = load("small").with_values({"model.friction.coulomb_speed": [0.005, 0.05, 0.5]}).vehicle
     max_rate = 0.8 * decay_rates(model)[0]
-    ((path, low),) = slowing_bounds(model, ["model.mass_kg", SIGN_SPEED], max_rate).items()
-    assert path == SIGN_SPEED
+    ((path, (low, high)),) = slowing_bounds(model, {"model.mass_kg": 1e3, SIGN_SPEED: 1.0}, max_rate).items()
+    assert (path, high) == (SIGN_SPEED, 1.0)
     slower = load("small").with_values({"model.friction.coulomb_speed": [low, 0.05, 0.5]}).vehicle
     assert decay_rates(slower)[0] == pytest.approx(max_rate, rel=1e-6)
 

@@ -73,20 +73,16 @@ def fit_by_innovations(first: FinishedFit) -> Fit:
     free = [free_parameter(first.blocks, path, {}) for path in paths]
     std, cov = np.sqrt(floor), _covariance(second, fit)
     return replace(
-        fit,
-        names=(*fit.names, *paths),
-        units=(*fit.units, *(parameter.unit for parameter in free)),
+        fit, names=(*fit.names, *paths), units=(*fit.units, *(parameter.unit for parameter in free)),
         start=np.concatenate([fit.start, [value(first.blocks, path) for path in paths]]),
-        estimate=np.concatenate([fit.estimate, std]),
-        std=np.sqrt(np.diagonal(cov)),
+        estimate=np.concatenate([fit.estimate, std]), std=np.sqrt(np.diagonal(cov)),
         bound=np.concatenate([fit.bound, np.where(floor > 0.0, 0, -1)]),
         poorly_identified=np.concatenate([fit.poorly_identified, np.zeros(len(paths), bool)]),
-        cov=cov,
-        unmodelled_cov=np.pad(fit.unmodelled_cov, (0, len(paths))),
+        cov=cov, unmodelled_cov=np.pad(fit.unmodelled_cov, (0, len(paths))),
         unmodelled_shifts=np.pad(fit.unmodelled_shifts, ((0, 0), (0, len(paths)))),
         fixed=fit.fixed._replace(shifts=np.pad(fit.fixed.shifts, ((0, 0), (0, len(paths))))),
         notes=(second.choice.reason, _sensors(second), *fit.notes),
-    )
+    )  # fmt: skip
 
 
 def _covariance(second: PredictionErrorFit, fit: Fit) -> np.ndarray:

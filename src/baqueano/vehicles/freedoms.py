@@ -8,7 +8,7 @@ E       the effort per ν that balances the drag that is linear in ν           
 p_min   = p b/(r_max − a), at which the rate r = a + b of (2) is r_max, if b is proportional to 1/p   (6)
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 
@@ -118,25 +118,28 @@ def sign_speed_paths(vehicle: DynamicVehicle) -> dict[str, str]:
     return {path: f"{path.rpartition('.')[0]}.{p.sign_speed}" for path, p in entries if p.sign_speed}
 
 
-def slowing_bounds(vehicle: Tree, paths: Sequence[str], max_rate: float) -> dict[str, float]:
-    """Return the lower bounds p_min of `paths` at which no motion decays faster than `max_rate` [1/s].  (6)
+def slowing_bounds(
+    vehicle: Tree, highs: Mapping[str, float], max_rate: float
+) -> dict[str, tuple[float, float]]:
+    """Return bounds of parameters, p_min and the upper one of `highs`: no motion decays faster than `max_rate`.  (6)
 
     Without a decay that is more than RATE_TOLERANCE faster, {}. The speed over which dry friction changes its sign
     takes precedence over a mass.
     """
     if not is_dynamic(vehicle):
         return {}
-    model, rates, bounds = {"model": vehicle}, decay_rates(vehicle), {}
+    model, rates = {"model": vehicle}, decay_rates(vehicle)
+    bounds: dict[str, float] = {}
     fields = sign_speed_paths(vehicle).values()
     for i in np.flatnonzero(rates > (1.0 + RATE_TOLERANCE) * max_rate).tolist():
-        for path in sorted(paths, key=lambda path: path.partition("[")[0] not in fields):
+        for path in sorted(highs, key=lambda path: path.partition("[")[0] not in fields):
             p = float(value_at_path(model, path))
             b = 2.0 * (rates[i] - decay_rates(with_value(model, path, 2.0 * p)["model"])[i])
             if b > MIN_RATE and rates[i] - b < max_rate:
                 p_min = float(p * b / (max_rate - rates[i] + b))
                 bounds[path] = max(p_min, bounds.get(path, p_min))
                 break  # one bound is enough
-    return bounds
+    return {path: (low, highs[path]) for path, low in bounds.items() if low < highs[path]}
 
 
 def tyre_paths(vehicle: Tree) -> list[str]:

@@ -59,13 +59,10 @@ class Information(NamedTuple):
         index = np.ix_(entries, entries)
         scores = None if self.scores is None else self.scores[:, entries]
         return self._replace(
-            bread=self.bread[index],
-            meat=self.meat[index],
+            bread=self.bread[index], meat=self.meat[index], scores=scores, gradient=self.gradient[entries],
             channel_information=self.channel_information[:, entries],
-            scores=scores,
-            gradient=self.gradient[entries],
             blocks=tuple(segment.part(entries) for segment in self.blocks),
-        )
+        )  # fmt: skip
 
 
 def information(problem: Residuals, theta: np.ndarray) -> Information:

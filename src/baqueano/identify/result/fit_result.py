@@ -233,17 +233,13 @@ class Fit(Result):
         for k, name in enumerate(self.names):
             is_identified = bool(np.isfinite(self.estimate[k]))
             state = "poorly" if self.poorly_identified[k] else "yes"
-            rows.append(
-                {
-                    "name": name,
-                    "estimate": float(self.estimate[k]) if is_identified else None,
-                    "std": float(self.std[k]) if is_identified and np.isfinite(self.std[k]) else None,
-                    "unit": self.units[k],
-                    "start": float(self.start[k]),
-                    "bound": {-1: "low", 1: "high"}.get(int(self.bound[k])) if is_identified else None,
-                    "identifiable": state if is_identified else "no",
-                }
-            )
+            rows.append({
+                "name": name, "estimate": float(self.estimate[k]) if is_identified else None,
+                "std": float(self.std[k]) if is_identified and np.isfinite(self.std[k]) else None,
+                "unit": self.units[k], "start": float(self.start[k]),
+                "bound": {-1: "low", 1: "high"}.get(int(self.bound[k])) if is_identified else None,
+                "identifiable": state if is_identified else "no",
+            })  # fmt: skip
         return rows
 
     def __repr__(self) -> str:
