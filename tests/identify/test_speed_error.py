@@ -12,10 +12,12 @@ from baqueano.identify import FitOptions, identify, random_steps
 from baqueano.identify.covariance.information import FixedParameters
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.noise.covariances import measure_noise
-from baqueano.identify.noise.speed_error import with_speed_error
+from baqueano.identify.noise.speed_error import with_slope, with_speed_error
+from baqueano.numerics.floor_push import slope_speed_error
 from baqueano.signals import sensor_slots
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load
+from tests.numerics.test_floor_push import DECAY_RATE, residuals
 
 SMALL = load("small").with_values(
     {"model.friction.coulomb": [0.0, 0.0, 0.0], "model.friction.quadratic": [0.0, 0.0, 0.0]}
@@ -46,7 +48,7 @@ def fit_with(names, std, shifts=(), speeds=()):
 
 def claimed_std(ekf, speed):
     """Return the claimed standard deviation of the speed at `speed` [m/s]."""
-    kappa = np.array([ekf.speed_error_std[1], 0.0, 0.0, 0.0])
+    kappa = np.eye(16)[SCALE_INDEX] * ekf.speed_error_std[1]
     return abs(velocity_error(ekf, kappa, np.array([speed, 0.0, 0.0]))[0])
 
 
@@ -116,9 +118,11 @@ def test_an_error_that_changes_sign_with_the_turn_is_claimed_in_turns():
 def test_without_errors_of_a_fit_the_data_sheet_gives_the_speed_error():
     ekf = SMALL.estimator()
     assert with_speed_error(ekf, fit_with([FORCE], [np.nan]), [RUN]) is ekf
-    kappa, nu = np.array([0.02, 0.01, 0.03, 0.0]), np.array([0.3, 0.1, 1.0])
+    kappa, nu = np.zeros(16), np.array([0.3, 0.1, 1.0])
+    kappa[SCALE_INDEX : SCALE_INDEX + 3] = 0.02, 0.01, 0.03
     assert velocity_error(ekf, kappa, nu) == pytest.approx([0.006, 0.011, 0.01])
-    assert velocity_error(replace(ekf, speed_error_std=np.array([0.01, 0.02])), kappa, 0.0 * nu)[0] == 0.0
+    by_fit = replace(ekf, speed_error_std=np.array([0.01, 0.02]))
+    assert velocity_error(by_fit, kappa, 0.0 * nu)[0] == 0.0
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +158,26 @@ def test_a_gyro_that_reads_too_much_gives_a_speed_that_is_too_low(drive):
     assert unscaled_ekf.speed_error_std[1] ** 2 - ekf.speed_error_std[1] ** 2 == pytest.approx(
         gyro_std**2, rel=0.05
     )
-    kappa = np.array([0.0, -gyro_std, 0.0, 0.0])
+    kappa = -gyro_std * np.eye(16)[SCALE_INDEX + 1]
     error = velocity_error(ekf, kappa, np.array([0.3, 0.0, 1.0]))
     assert error[0] == pytest.approx(-c * gyro_std * 0.3)
     assert error[2] == pytest.approx(-gyro_std)
+
+
+def test_a_sloping_floor_is_an_error_of_the_speed():
+    """The residuals are those of test_floor_push.py; the smaller of decay rate and 1/lag counts."""
+    run, ekf = residuals(0.17), SMALL.estimator()
+    lag_s, columns = float(np.max(ekf.vehicle.drivetrain.lag_s)), [*run.a.T, 0.0 * run.t_s]
+    channels = [
+        SimpleNamespace(sensor="imu", entry=k, t_s=run.t_s, residuals=r, measurements=run.yaw_rate)
+        for k, r in enumerate(columns)
+    ]
+    fit = SimpleNamespace(vehicle_file=SMALL, channels_by_run=[channels])
+    for decay_rate in (DECAY_RATE, 1.0 / lag_s + 1.0):
+        expected = slope_speed_error([run], min(decay_rate, 1.0 / lag_s)) / np.sqrt(2.0)
+        assert with_slope(ekf, fit, {"imu"}, decay_rate).slope_speed_std_m_s == pytest.approx(
+            expected, rel=0.1
+        )
+    assert with_slope(ekf, fit, {"imu"}, 0.0).slope_speed_std_m_s == 0.0, (
+        "a kinematic model does not know the push"
+    )

@@ -38,7 +38,6 @@ from baqueano.estimators.augmented.motion import (
     velocity_error,
 )
 from baqueano.estimators.augmented.state import (
-    BIAS_INDEX,
     FORWARD_STATES,
     MAX_SILENT_S,
     SCALE_INDEX,
@@ -169,6 +168,12 @@ class AugmentedEkf:
         low=0.0,
         default=0.0,
     )
+    slope_speed_std_m_s: float = parameter(
+        "m/s",
+        "σ_φ: error of the model's speed due to a slope of the floor, along each axis of the map",
+        low=0.0,
+        default=0.0,
+    )
     noise_gain: float = parameter(
         "1",
         "share of one reading in the noise levels, which the filter adapts to the run; 0: the noise of the file",
@@ -294,7 +299,7 @@ class AugmentedEkf:
 
     def _pose_and_velocity(self, x: np.ndarray) -> np.ndarray:
         """Return η and (1 + K) ν, (6,): the pose, and the velocity with the scale errors K."""
-        return np.concatenate([x[:3], x[3:6] + velocity_error(self, x[SCALE_INDEX:BIAS_INDEX], x[3:6])])
+        return np.concatenate([x[:3], x[3:6] + velocity_error(self, x, x[3:6])])
 
     @property
     def process_noise_cov(self) -> np.ndarray:

@@ -125,15 +125,17 @@ def _tick(
     std = np.sqrt(np.concatenate(variances) * (1.0 - decay**2))
     *d, gamma = decay * x[[6, 7, SIDESLIP_INDEX]] + std * draws.d
     walks = [entry.value_at(ekf.sensors, entry.walk) * np.sqrt(dt_s) for entry in filter_layout.biases]
-    bias = x[BIAS_INDEX:] + np.array(walks) * draws.bias if walks else x[BIAS_INDEX:]
+    bias, slope = x[BIAS_INDEX : BIAS_INDEX + len(walks)], x[BIAS_INDEX + len(walks) :]
+    bias = bias + np.array(walks) * draws.bias if walks else bias
     entries = dict(zip(filter_layout.names, filter_layout.entries, strict=True))
     variance, fade_s, _ = slip_statistics(ekf.sensors, entries)
     slip_decay = np.exp(-dt_s / fade_s)
     slip = slip_decay * state.slip + np.sqrt(variance * (1.0 - slip_decay**2)) * draws.slip
     scales = (x[SCALE_INDEX:SIDESLIP_INDEX], np.array([gamma]), x[BEND_INDEX:BIAS_INDEX])
-    next_x = np.concatenate([eta, nu, np.array(d), *scales, bias])
+    next_x = np.concatenate([eta, nu, np.array(d), *scales, bias, slope])
     truth = current_motion._replace(tick=(state.motion, motions[TICK_PARTS // 2 - 1], motions[-1]))
-    shown_bias = np.min(filter_layout.moving_jacobian_factor, axis=0)[BIAS_INDEX:] * bias
+    factors = np.min(filter_layout.moving_jacobian_factor, axis=0)
+    shown_bias = factors[BIAS_INDEX : BIAS_INDEX + len(walks)] * bias
     sensors, slots = _read_sensors(ekf, state, shown_bias, slip, truth, draws, dt_s)
     state_read = np.concatenate([eta, nu + _velocity_error(ekf, x, nu)])
     return SimulatedState(next_x, slip, current_motion, drivetrain, sensors), (state_read, slots)
@@ -159,7 +161,7 @@ def _step_part(
 def _velocity_error(ekf: AugmentedEkf, x: np.ndarray, nu: np.ndarray) -> np.ndarray:
     """Return the errors (3,) of the velocity by scales, course and the bias of a gyro: no innovation shows them."""
     by_bias = np.array([0.0, 0.0, layout(ekf).yaw_rate_by_bias @ x])
-    return velocity_error(ekf, x[SCALE_INDEX:BIAS_INDEX], nu) + by_bias
+    return velocity_error(ekf, x, nu) + by_bias
 
 
 def _effort_at(effort: Effort, fraction: float) -> np.ndarray:

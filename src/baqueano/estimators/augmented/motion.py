@@ -1,6 +1,6 @@
 """Process model of the augmented state: the mean one row later, and the covariance of its noise.
 
-    x = (η, ν, d, κ, β, γ, w, b):  pose, velocity, disturbance, scales, course, sideslip, bend, biases        (1)
+    x = (η, ν, d, κ, β, γ, w, b, φ):  pose, velocity, disturbance, scales, course, sideslip, bend, biases, slope (1)
     ν̇ = f(ν, e) + D,  D = (d_x, l d_ψ, d_ψ),  or  ν = V e + D,  D = (d_x, 0, d_ψ);   η̇ = J(ψ) (1 + K) ν     (2)
     K ν = (κ_v ν_x, κ_v ν_y + β ν_x + γ (ν_y − l ν_ψ), κ_ψ ν_ψ),   ∂ψ̇/∂b = −(1 − p)/h_ψ of a gyro, p of state.py  (10)
     ḋ = −(d − d̄)/T + noise  (Ornstein-Uhlenbeck, σ_d² about d̄),  d̄˙ = (d − d̄)/2 s;   γ̇ = −γ/T_γ + noise  (3)
@@ -12,7 +12,7 @@
     half of D before f and half after:   ν⁺ = δ D/2 + F(ν + δ D/2),   ∫ν −= δ² (f(ν⁺, e) − f(ν⁺ − δ D/2, e))/6   (9)
 
 e: effort; J: rotation; δ: row; σ: walk of ν_y; P: covariance; l: the origin ahead of the centre of turning. d̄ prevents
-that an error in a whole bend turns the heading. κ, β, w: constant; h_ψ: a slope. docs/derivations: (4)-(7), (9), (10).
+that an error in a whole bend turns the heading. κ, β, w, φ: constant; h_ψ: a slope. Derivations of (4)-(7), (9), (10).
 """
 
 from functools import lru_cache
@@ -30,6 +30,7 @@ from baqueano.estimators.augmented.state import (
     MAX_SILENT_S,
     SCALE_INDEX,
     SIDESLIP_INDEX,
+    SLOPE_STATES,
     layout,
 )
 from baqueano.estimators.covariance import CHI_SQUARE_95, block_diagonal
@@ -70,7 +71,8 @@ def predict_row(
     def R(mean: np.ndarray, G: np.ndarray) -> np.ndarray:
         gamma = estimator.sideslip_error_std**2 * (1.0 - G[SIDESLIP_INDEX, SIDESLIP_INDEX] ** 2)
         zeros_before, zeros_after = np.zeros(SIDESLIP_INDEX - SCALE_INDEX), np.zeros(BIAS_INDEX - BEND_INDEX)
-        slow_cov = np.diag(np.concatenate([zeros_before, np.array([gamma]), zeros_after, *walks]))
+        walks_and_slope = [*walks, np.zeros(SLOPE_STATES * layout(estimator).has_slope)]
+        slow_cov = np.diag(np.concatenate([zeros_before, np.array([gamma]), zeros_after, *walks_and_slope]))
         rest_cov = unpredicted_cov(row, mean, x.cov) + slip_covariance(estimator, mean, row.dt_s)
         return block_diagonal(
             [process_noise_cov(estimator, mean[2], row, G[4, 4], noise_level, variance), slow_cov]
@@ -112,7 +114,7 @@ def advance_mean(
     else:
         eta, nu_next, _ = vehicle.advance(mean[:3], nu, effort, dt_s)
         nu_next, displacement = nu_next + D, dt_s * D
-    scale_displacement = dt_s * velocity_error(estimator, mean[SCALE_INDEX:BIAS_INDEX], 0.5 * (nu + nu_next))
+    scale_displacement = dt_s * velocity_error(estimator, mean, 0.5 * (nu + nu_next))
     bend_loss = 0.5 * dt_s * mean[BEND_INDEX] * BEND_STD * heading_variance / (1.0 + 0.5 * heading_variance)
     scale_displacement = scale_displacement - bend_loss * np.array([1.0, 1.0, 0.0]) * (nu + nu_next)
     eta = eta + map_from_body(eta[2]) @ (displacement + scale_displacement)
@@ -206,13 +208,20 @@ def process_noise_cov(
     return (B * np.concatenate([walk, d, walk / 12.0])) @ B.T
 
 
-def velocity_error(estimator: "AugmentedEkf", kappa: np.ndarray, nu: np.ndarray) -> np.ndarray:
-    """Return K ν (3,), the error of the velocity due to scale errors and course `kappa` = (κ_v, κ_ψ, β, …). (2), (8)"""
+def velocity_error(estimator: "AugmentedEkf", x: np.ndarray, nu: np.ndarray) -> np.ndarray:
+    """Return K ν (3,), the error of the velocity due to scale errors and course in the state x (n,).  (2), (8)
+
+    A sloping floor pushes in the direction φ of the map: K ν_x += (φ_x cos ψ + φ_y sin ψ) ν_x²/(ν_x² + MIN_SPEED_M_S²).
+    """
+    kappa, push = x[SCALE_INDEX:BIAS_INDEX], 0.0
+    if layout(estimator).has_slope:
+        speed_share = nu[0] ** 2 / (nu[0] ** 2 + MIN_SPEED_M_S**2)  # friction holds a vehicle at rest
+        push = speed_share * (x[-2] * np.cos(x[2]) + x[-1] * np.sin(x[2]))
     c = 0.0 if layout(estimator).speed_is_measured else estimator.speed_per_gyro_scale
     scale = kappa[0] * _speed_error_shape(estimator, nu[0]) + c * kappa[1]
     sideslip = nu[1] - optional.turning_arm_m(estimator.vehicle) * nu[2]
     sideways = scale * nu[1] + kappa[2] * nu[0] + kappa[3] * sideslip
-    return np.array([scale * nu[0], sideways, kappa[1] * nu[2]])
+    return np.array([scale * nu[0] + push, sideways, kappa[1] * nu[2]])
 
 
 def _speed_error_shape(estimator: "AugmentedEkf", speed: Value) -> Value:

@@ -1,6 +1,6 @@
 """The augmented state of augmented_ekf.py, and the entries of it that each channel of a sensor may correct.
 
-    x = (x, y, ψ | ν_x, ν_y, ν_ψ | d_x, d_ψ | κ_v, κ_ψ, β, γ, w | biases)                                  (1)
+    x = (x, y, ψ | ν_x, ν_y, ν_ψ | d_x, d_ψ | κ_v, κ_ψ, β, γ, w | biases | φ_x, φ_y)                       (1)
 
 If every channel corrects every state, a gyro that disagrees with the model changes the speed. On real cars these
 couplings had larger errors than the sensors. So each measured quantity corrects only these states:
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 SCALE_INDEX, BIAS_INDEX = 8, 13  # index of the first of κ, β, γ, w, and of the first bias
 SIDESLIP_INDEX = 11  # index of γ
+SLOPE_STATES = 2  # φ_x, φ_y: the last states
 # index of w, the bend of the position's region at a large heading variance; w is not estimated
 BEND_INDEX = 12
 POSITION_STATES, TURNING_STATES, FORWARD_STATES = (0, 1), (2, 4, 5, 7), (3, 4, 6)  # entries of x
@@ -72,6 +73,7 @@ class Layout(NamedTuple):
     # the channels of each sensor that measures the pose: place_gate.py
     pose_groups: tuple[tuple[int, ...], ...]
     speed_is_measured: bool  # True if a channel has its own scale of the speed
+    has_slope: bool  # True if x contains φ, the error of the speed on a slope
     yaw_rate_checks: tuple[YawRateCheck, ...]
 
     @property
@@ -114,7 +116,7 @@ class Layout(NamedTuple):
     @property
     def size(self) -> int:
         """Return the number n of states."""
-        return BIAS_INDEX + len(self.biases)
+        return BIAS_INDEX + len(self.biases) + SLOPE_STATES * self.has_slope
 
 
 @lru_cache(maxsize=256)
@@ -132,13 +134,16 @@ def layout(estimator: "AugmentedEkf") -> Layout:
     signals = {name: _dependencies(getattr(sensors, name)) for name in names}
     dependencies = [signals[name][i] for name, i in channels]
     reliable = {(split_use(use)[0], i) for use in estimator.speed_from for i in channel_indices(sensors, use)}
-    moving_mask = _moving_mask(dependencies, bias_states, [c in reliable for c in channels], len(biases))
+    speed_is_measured = has_speed_scale(sensors, dict(used_channels))
+    has_slope = bool(estimator.slope_speed_std_m_s > 0.0) and not speed_is_measured
+    later_states = len(biases) + SLOPE_STATES * has_slope
+    moving_mask = _moving_mask(dependencies, bias_states, [c in reliable for c in channels], later_states)
     resting_mask, gyro_mask = moving_mask.copy(), np.zeros(moving_mask.shape)
     for k, states in enumerate(bias_states):
         resting_mask[k, states] = 1.0
         gyro_mask[k, states] = float(dependencies[k].is_turn_only)
-    bias_share = np.ones(BIAS_INDEX + len(biases))
-    bias_share[BIAS_INDEX:] = [_visible_bias_share(sensors, bias) for bias in biases]
+    bias_share = np.ones(BIAS_INDEX + later_states)
+    bias_share[BIAS_INDEX : BIAS_INDEX + len(biases)] = [_visible_bias_share(sensors, b) for b in biases]
     at_rest = {name: measurement_jacobian(getattr(sensors, name), np.zeros(9)) for name in names}
     slopes = np.array([at_rest[name][i, SPEED_AND_YAW_RATE] for name, i in channels]).reshape(-1, 2)
     sideways = np.array([np.max(np.abs(at_rest[name][i, SIDEWAYS])) for name, i in channels])
@@ -166,7 +171,8 @@ def layout(estimator: "AugmentedEkf") -> Layout:
         slopes * moving_mask[:, SPEED_AND_YAW_RATE],
         (moving_mask[:, SIDEWAYS[2]] > 0.0) & (sideways > MIN_SIDEWAYS_SLOPE),
         tuple(group for group in groups if group),
-        has_speed_scale(sensors, dict(used_channels)),
+        speed_is_measured,
+        has_slope,
         _yaw_rate_checks(sensors, channels, slopes, moving_mask[:, SPEED_AND_YAW_RATE[1]]),
     )
 
@@ -209,10 +215,10 @@ def _moving_mask(
     dependencies: Sequence[_Dependencies],
     bias_states: Sequence[Sequence[int]],
     is_reliable: Sequence[bool],
-    bias_count: int,
+    later_states: int,
 ) -> np.ndarray:
     """Return E (m, n) of each channel while the vehicle drives.  (2)"""
-    mask = np.zeros((len(dependencies), BIAS_INDEX + bias_count))
+    mask = np.zeros((len(dependencies), BIAS_INDEX + later_states))
     has_gyro = any(d.is_turn_only for d in dependencies)
     for k, channel in enumerate(dependencies):
         if channel.pose:
@@ -257,7 +263,8 @@ def start_std(estimator: "AugmentedEkf") -> np.ndarray:
     if not states.speed_is_measured and estimator.speed_error_std[1] > 0.0:
         scales[0] = estimator.speed_error_std[1]
     course = np.array([estimator.course_std, estimator.sideslip_error_std, 1.0])
-    return np.concatenate([estimator.initial_std, estimator.disturbance_std, scales, course, biases])
+    slope = np.full(SLOPE_STATES * states.has_slope, estimator.slope_speed_std_m_s)
+    return np.concatenate([estimator.initial_std, estimator.disturbance_std, scales, course, biases, slope])
 
 
 def _channels_correcting(states: Layout, state: int) -> dict[str, tuple[int, ...]]:

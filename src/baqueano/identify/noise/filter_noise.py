@@ -35,6 +35,7 @@ from baqueano.identify.noise.speed_error import (
     MIN_FADE_S,
     accelerometer_share,
     speed_signals,
+    with_slope,
     with_speed_error,
     with_truth_misfit,
 )
@@ -68,6 +69,7 @@ MOTOR_LAG_NOISE = (("motor_lag_std_s", 1e-3, 1.0),)
 FIELDS = (
     "disturbance_std", "disturbance_fade_s", "motor_lag_std_s", "velocity_walk_std", "course_std",
     "speed_error_std", "least_error_speed_m_s", "speed_per_gyro_scale", "lateral_offset_std_m",
+    "slope_speed_std_m_s",
 )  # fmt: skip
 ROBUST_SIGMA = 6.0  # ρ is a square up to this limit, so that the long tails of model errors do not enlarge σ
 LOG_RANGE = 5.0  # range of the logarithm of a sensor's σ, on both sides of the file's value
@@ -140,8 +142,10 @@ def filter_noise(
             ekf = _with_accelerometer_misfit(ekf, fit, inertial, rate)
     elif not speed_is_measured:
         ekf = with_truth_misfit(ekf, fit, runs)
-    ekf = with_speed_error(ekf, fit, runs)
-    return replace(ekf, course_std=float(np.hypot(TOE_RAD, _crab_angle_rad(fit, runs))))
+    nu, decay_rate = _half_speed(fit, runs)
+    crab_rad = np.arctan2(abs(nu[1]), abs(nu[0])) if abs(nu[0]) > MIN_SPEED_M_S else 0.0
+    ekf = with_slope(with_speed_error(ekf, fit, runs), fit, inertial, decay_rate)
+    return replace(ekf, course_std=float(np.hypot(TOE_RAD, crab_rad)))
 
 
 def _rms_forward_command(runs: Sequence[Run]) -> float:
@@ -166,11 +170,10 @@ def _straight_drive(fit: "Fit", command: float) -> tuple[np.ndarray, float]:
     return nu, max(0.0, (accelerations[0] - accelerations[1]) / (2.0 * step[0]))
 
 
-def _crab_angle_rad(fit: "Fit", runs: Sequence[Run]) -> float:
-    """Return the angle [rad] between course and heading at half the largest command; 0 below MIN_SPEED_M_S."""
+def _half_speed(fit: "Fit", runs: Sequence[Run]) -> tuple[np.ndarray, float]:
+    """Return ν (3,) and the decay rate of a straight drive at half the largest command."""
     limit = fit.file.command.limit[0]
-    nu = _straight_drive(fit, 0.5 * limit if np.isfinite(limit) else _rms_forward_command(runs))[0]
-    return float(np.arctan2(abs(nu[1]), abs(nu[0]))) if abs(nu[0]) > MIN_SPEED_M_S else 0.0
+    return _straight_drive(fit, 0.5 * limit if np.isfinite(limit) else _rms_forward_command(runs))
 
 
 def _without_wheel_slip(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> AugmentedEkf:

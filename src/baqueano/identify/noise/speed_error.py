@@ -28,6 +28,7 @@ from baqueano.identify.data.added_channels import TRUTH
 from baqueano.identify.data.record import make_record
 from baqueano.identify.residuals.motion import motion_rows, open_loop
 from baqueano.numerics.autocorrelation import RegressionSignal, lag_sums
+from baqueano.numerics.floor_push import AccelerometerResiduals, slope_speed_error
 from baqueano.numerics.statistics import enclosing_cov, lines_by_sign, white_std
 from baqueano.runs.interpolation import HALF_WINDOW_S, TimeSeries, true_speed
 from baqueano.runs.run import Run
@@ -113,7 +114,14 @@ def speed_signals(
 
 def accelerometer_share(ekf: AugmentedEkf, fit: "Fit", inertial: set[str]) -> float:
     """Return the upper end of the 95 % interval of φ over all runs, in [MIN_SHARE, 1], or 1 with too few data.  (2)"""
-    sums = np.concatenate([np.zeros((0, 2)), *(block_sums(*x) for x in _series(ekf, fit, inertial))])
+    readings = velocity_readings(ekf.sensors, layout(ekf).names)
+    wheels = next((r for r in readings if FORWARD in r.entries and r.name not in inertial), None)
+    ahead = forward_accelerometer(ekf, inertial)
+    if ahead is None or wheels is None:
+        return 1.0
+    weights = [(wheels.name, k, wheels.inverse[FORWARD, j]) for j, k in enumerate(wheels.rows)]
+    series = _residual_series(fit, [weights, [(*ahead[:2], 1.0 / ahead[2])]])
+    sums = np.concatenate([np.zeros((0, 2)), *(block_sums(*x) for x in series)])
     if len(sums) < MIN_BLOCKS or not np.sum(sums[:, 1]) > 0.0:
         return 1.0
     draws = np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))
@@ -147,37 +155,24 @@ def block_sums(speed: TimeSeries, acceleration: TimeSeries, rate: TimeSeries) ->
     return sums
 
 
-def _series(
-    ekf: AugmentedEkf, fit: "Fit", inertial: set[str]
-) -> Iterator[tuple[TimeSeries, TimeSeries, TimeSeries]]:
-    """Yield for each run the residuals of wheel speed and forward accelerometer, and the gyro's yaw rate."""
-    accelerometer = forward_accelerometer(ekf, inertial)
-    readings = velocity_readings(ekf.sensors, layout(ekf).names)
-    wheels = next(
-        (reading for reading in readings if FORWARD in reading.entries and reading.name not in inertial), None
-    )
-    gyro = next((reading for reading in readings if reading.is_gyro), None)
-    if accelerometer is None or wheels is None or gyro is None:
+def _residual_series(
+    fit: "Fit", signals: Sequence[Sequence[tuple[str, int, float]]]
+) -> Iterator[list[TimeSeries]]:
+    """Yield for each run the weighted sums of residuals `signals` (sensor, entry, weight), and the gyro's yaw rate."""
+    gyro = next((reading for reading in velocity_readings(fit.vehicle_file.sensors) if reading.is_gyro), None)
+    if gyro is None:
         return
     for channels in fit.channels_by_run:
-        channel_map = {(c.sensor, c.entry): c for c in channels}
-        if (
-            not {accelerometer[:2], *((reading.name, k) for reading in (wheels, gyro) for k in reading.rows)}
-            <= channel_map.keys()
-        ):
+        channel_map, turn = {(c.sensor, c.entry): c for c in channels}, [(gyro.name, k) for k in gyro.rows]
+        if not {*turn, *((name, k) for signal in signals for name, k, _ in signal)} <= channel_map.keys():
             continue
-        acceleration, slope = channel_map[accelerometer[:2]], accelerometer[2]
-        gyro_channels, wheel_channels = ([channel_map[s.name, k] for k in s.rows] for s in (gyro, wheels))
-        z = np.stack([c.measurements for c in gyro_channels], axis=1) - gyro.at_rest
-        r = np.stack([c.residuals for c in wheel_channels], axis=1)
-        pairs = (
-            (wheel_channels[0].t_s, r @ wheels.inverse[FORWARD]),
-            (acceleration.t_s, acceleration.residuals / slope),
-            (gyro_channels[0].t_s, z @ gyro.inverse[YAW]),
-        )
+        z = np.stack([channel_map[key].measurements for key in turn], axis=1) - gyro.at_rest
+        sums = [np.sum([w * channel_map[n, k].residuals for n, k, w in signal], axis=0) for signal in signals]
+        times = [channel_map[key].t_s for key in (*(signal[0][:2] for signal in signals), turn[0])]
+        pairs = zip(times, [*sums, z @ gyro.inverse[YAW]], strict=True)
         series = [TimeSeries(t_s[np.isfinite(x)], x[np.isfinite(x)]) for t_s, x in pairs]
         if min(len(signal.t_s) for signal in series) >= 2 * MIN_WINDOW_SAMPLES:
-            yield series[0], series[1], series[2]
+            yield series
 
 
 def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> AugmentedEkf:
@@ -223,6 +218,21 @@ def with_speed_error(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> Augm
         return ekf
     ekf = replace(ekf, speed_error_std=std, least_error_speed_m_s=least_error_speed, speed_per_gyro_scale=c)
     return replace(ekf, lateral_offset_std_m=float(np.sqrt(C[2, 2])))
+
+
+def with_slope(ekf: AugmentedEkf, fit: "Fit", inertial: set[str], decay_rate: float) -> AugmentedEkf:
+    """Return the filter with σ_φ of a sloping floor (numerics/floor_push.py), unless a sensor measures the speed.
+    A fit can exchange the lag of the motors and 1/λ. So the smaller rate counts, which states the larger error."""
+    axes = [a for a in (forward_accelerometer(ekf, inertial), sideways_accelerometer(ekf, inertial)) if a]
+    if layout(ekf).speed_is_measured or len(axes) < 2 or not decay_rate > 0.0:
+        return ekf
+    runs = [
+        AccelerometerResiduals.at_times(ahead.t_s, ahead, left, rate)
+        for ahead, left, rate in _residual_series(fit, [[(*axis[:2], 1.0 / axis[2])] for axis in axes])
+    ]
+    lag_s = float(np.max(ekf.vehicle.drivetrain.lag_s))
+    amplitude = slope_speed_error(runs, min(decay_rate, 1.0 / max(lag_s, 1e-9)))
+    return replace(ekf, slope_speed_std_m_s=amplitude / np.sqrt(2.0))
 
 
 def with_truth_misfit(ekf: AugmentedEkf, fit: "Fit", runs: Sequence[Run]) -> AugmentedEkf:
