@@ -37,13 +37,7 @@ from baqueano.estimators.augmented.motion import (
     reported_velocity_cov,
     velocity_error,
 )
-from baqueano.estimators.augmented.state import (
-    FORWARD_STATES,
-    MAX_SILENT_S,
-    SCALE_INDEX,
-    layout,
-    start_std,
-)
+from baqueano.estimators.augmented.state import FORWARD_STATES, MAX_SILENT_S, SCALE_INDEX, layout, start_std
 from baqueano.estimators.covariance import block_diagonal, mirror_upper
 from baqueano.estimators.kalman import Gaussian
 from baqueano.estimators.pauses import filter_row, row_effort, rows_before, step_rows
