@@ -123,6 +123,41 @@ def test_the_region_covers_the_truth_if_the_model_turns_half_as_much():
 
 
 @cache
+def block_with_tags():
+    tags = '[sensors.tags]\nkind = "tags"\npoints_m = [[0.0, 0.0]]\nradius_m = 9.0\nnoise_std = 0.01\n'
+    file = parse(f"{SMALL.text}\n{tags}", "small.toml").with_values(
+        {
+            "estimator.use": ["imu", "tags"],
+            "estimator.disturbance_std": [0.02, 0.15],
+            "estimator.disturbance_fade_s": [1.0, 4.0],
+        }
+    )
+    return file.sensors, compile_block(file.estimator())
+
+
+@pytest.mark.parametrize(
+    ("gain", "bias", "max_error"), [(0.96, 0.0, 0.07), (1.0, 0.4, np.pi)], ids=["model", "gyro"]
+)
+def test_tags_decide_whether_the_model_or_the_gyro_is_wrong(gain, bias, max_error):
+    """A tag that agrees with the gyro leaves the heading; one that contradicts it corrects the heading."""
+    turn = gain * SMALL.vehicle.actuator_matrix[2, 2]
+    recording = simulate(SMALL.with_values({"model.actuator_matrix[2,2]": turn}), U, 0)
+    z, places = recording.sensors["imu"].z + np.outer(AT, [0.0, 0.0, bias]), recording.truth.eta[:, :2]
+    places = places + np.random.default_rng(0).normal(0.0, 0.01, places.shape)
+    sensors, ekf = block_with_tags()
+    belief, errors, std = ekf.init(), [], []
+    for k, t_ns in enumerate(recording.t_ns.tolist()):
+        slots = sensors._replace(imu=Slot(1.0, z[k], 0.0), tags=Slot(float(k % 100 == 99), places[k], 0.0))
+        belief, estimate = ekf.step(belief, Tick(t_ns, recording.applied_commands[k], slots))
+        errors.append(abs(wrap(estimate.eta[2] - recording.truth.eta[k, 2])))
+        std.append(np.sqrt(estimate.cov[2, 2]))
+    is_late = t_s >= FAULT_S[0] + MIN_INCONSISTENT_S
+    assert np.mean((np.array(errors) <= REGION_95 * np.array(std))[is_late]) >= 0.95
+    assert max(errors) <= max_error
+    assert errors[-1] <= 0.07
+
+
+@cache
 def block_with_lag_error():
     return compile_block(SMALL.with_values({"estimator.motor_lag_std_s": 0.03}).estimator())
 

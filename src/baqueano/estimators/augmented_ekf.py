@@ -218,11 +218,14 @@ class AugmentedEkf:
         if not is_dynamic(self.vehicle):
             nu_dot = self.vehicle.advance(belief.mean[:3], belief.mean[3:6], effort, row.predicted_s)[2]
 
+        G = prediction.G[:3, :3]
+        memory = belief.memory._replace(dispute_cov=mirror_upper(G @ belief.memory.dispute_cov @ G.T))
+
         def correct(x: Gaussian, *, at_rest: bool) -> Value:
             if not states.correction_mask(FORWARD_STATES[0]).any():
                 x = x._replace(mean=np.concatenate([x.mean[:3], model_nu[:1], x.mean[4:]]))
             E = states.resting_mask if at_rest else driving_mask
-            return correct_tick(self, x, belief.memory, effort, nu_dot, tick, E, at_rest, row.dt_s)
+            return correct_tick(self, x, memory, effort, nu_dot, tick, E, at_rest, row.dt_s)
 
         x, innovations = branch(
             at_rest, lambda: correct(_rest_state(x), at_rest=True), lambda: correct(x, at_rest=False)
@@ -231,7 +234,7 @@ class AugmentedEkf:
             np.abs(belief.mean_disturbance) > self.gate_sigma * self.disturbance_std
         )
         replaces_gyro = belief.silent_s[1] > MAX_SILENT_S
-        x, memory, nu_cov = self._widen(x, innovations, model_nu, is_exceeded, replaces_gyro, row.dt_s)
+        memory, nu_cov = self._disagree(x, innovations, model_nu, is_exceeded, replaces_gyro, row.dt_s)
         disagreement_s = np.where(innovations.rejected_count > 0.0, REJECTION_COST * row.dt_s, 0.0)
         is_corrected = states.corrected_rates(innovations.weight >= 0.5)
         silent_s = np.where(is_corrected, 0.0, belief.silent_s + row.dt_s)
@@ -265,26 +268,29 @@ class AugmentedEkf:
         max_rest_nu = MAX_REST_NU + MAX_REST_BIAS * np.sqrt(bias_derivative @ x.cov @ bias_derivative)
         return (quiet_s >= MIN_REST_S) & np.all(np.abs(x.mean[3:6]) < max_rest_nu)
 
-    def _widen(
+    def _disagree(
         self, x: Gaussian, innovations: Innovations, model_nu: np.ndarray, is_exceeded: np.ndarray,
         replaces_gyro: Value, dt_s: Value,
-    ) -> tuple[Gaussian, ReadingMemory, np.ndarray]:  # fmt: skip
-        """Return the state with a wider pose during a disagreement, the memory, and what var ν gains (3, 3)."""
+    ) -> tuple[ReadingMemory, np.ndarray]:  # fmt: skip
+        """Return the memory after a row, with a wider W during a disagreement, and what var ν gains (3, 3)."""
         memory, model_deviation = innovations.memory, x.mean[[3, 5]] - model_nu[[0, 2]]
         update = update_inconsistency(
             (memory.inconsistency, memory.mean_checks), layout(self), innovations, model_deviation, is_exceeded,
             replaces_gyro, x.mean[:6], dt_s, self.gate_sigma,
         )  # fmt: skip
-        cov = x.cov + block_diagonal([update.pose_cov, np.zeros((len(x.mean) - 3,) * 2)])
-        memory = memory._replace(inconsistency=update.inconsistency, mean_checks=update.mean_checks)
-        return Gaussian(x.mean, cov), memory, update.nu_cov
+        memory = memory._replace(
+            inconsistency=update.inconsistency,
+            mean_checks=update.mean_checks,
+            dispute_cov=memory.dispute_cov + update.pose_cov,
+        )
+        return memory, update.nu_cov
 
     def _estimate(
         self, belief: AugmentedBelief, t_ns: int, J: np.ndarray, nu_cov: np.ndarray, innovations: Innovations
     ) -> Estimate:
-        """Return the estimate; `J` (6, n) is its derivative, `nu_cov` (3, 3) is added to var ν in it only."""
+        """Return the estimate; `J` (6, n) is its derivative, `nu_cov` (3, 3) is added to var ν, and W to var η."""
         eta_nu = self._pose_and_velocity(belief.mean)
-        cov = mirror_upper(J @ belief.cov @ J.T) + block_diagonal([np.zeros((3, 3)), nu_cov])
+        cov = mirror_upper(J @ belief.cov @ J.T) + block_diagonal([belief.memory.dispute_cov, nu_cov])
         weight = np.where(layout(self).corrects_motion, innovations.weight, np.nan)
         innovation_fields = innovations.y, innovations.S, weight, innovations.file_S
         return Estimate(

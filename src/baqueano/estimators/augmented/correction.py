@@ -10,6 +10,8 @@ place_gate.py tests the sensors that measure the pose. augmented/state.py define
 motion, an inertial channel that repeats its last reading is not used (repetition.py).
 """
 
+from functools import reduce
+from operator import or_
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -46,6 +48,8 @@ if TYPE_CHECKING:
     from baqueano.estimators.augmented_ekf import AugmentedEkf
 
 MAX_GATE_RATIO = 1.5  # times the gate: a channel beyond this always gets a weight below 0.5
+CONTRADICTION_SIGMA = 2.5  # a reading of the pose beyond this contradicts P: by chance 1 %
+TINY_WEIGHT = 1e-9  # of a rejected reading, whose gains are 0
 USABLE_RANGE = 0.9999  # of a sensor's full scale: a reading above this is not used
 
 
@@ -59,6 +63,7 @@ class ReadingMemory(NamedTuple):
     # (2, 2) of speed and yaw rate: absolute value and duration, see inconsistency.py
     inconsistency: np.ndarray
     mean_checks: np.ndarray  # (k,) rad/s, mean differences between wheels and estimate, see inconsistency.py
+    dispute_cov: np.ndarray  # W (3, 3) of the pose, see inconsistency.py
 
 
 def empty_reading_memory(states: Layout) -> ReadingMemory:
@@ -66,7 +71,7 @@ def empty_reading_memory(states: Layout) -> ReadingMemory:
     m = states.channels
     return ReadingMemory(
         np.zeros(m), np.array(no_repetition(m)), empty_memory(states.pose_groups, m), np.ones(m + 2), np.zeros((2, 2)),
-        np.zeros(len(states.yaw_rate_checks)),
+        np.zeros(len(states.yaw_rate_checks)), np.zeros((3, 3)),
     )  # fmt: skip
 
 
@@ -129,6 +134,7 @@ def correct_tick(
         H = H * states.moving_jacobian_factor
     Q = levels.sensor_cov(file_cov)
     present_H = H * mask[:, None]
+    x, dispute_cov = _with_dispute_cov(states, x, memory.dispute_cov, y * mask, present_H, Q)
     channels = PoseChannels(y * mask, present_H @ x.cov @ present_H.T + Q, mask, corrections)
     decision = gate_decision(states.pose_groups, channels, memory.pose, dt_s, estimator.gate_sigma)
     D = np.ones(n)
@@ -164,8 +170,39 @@ def correct_tick(
         repetition=np.array(repetition),
         pose=decision.memory,
         noise_levels=np.concatenate(levels),
+        dispute_cov=_next_dispute_cov(states, dispute_cov, update),
     )
     return x, Innovations(arrived_mask, repeated_mask, memory, rejected_count, y, S, w, file_S, update, D)
+
+
+def _with_dispute_cov(
+    states: Layout, x: Gaussian, W: np.ndarray, y: np.ndarray, H: np.ndarray, Q: np.ndarray
+) -> tuple[Gaussian, np.ndarray]:
+    """Return the state and W (3, 3): P contains W if a reading of the pose contradicts P.  (5) of inconsistency.py
+
+    `y` (m,) and `H` (m, n) are 0 for a channel without a measurement.
+    """
+    if not (pose_channels := [c for group in states.pose_groups for c in group]):
+        return x, W
+    S = H @ x.cov @ H.T + Q
+    contradictions = [y[c] ** 2 > CONTRADICTION_SIGMA**2 * S[c, c] for c in pose_channels]
+    share = np.where(reduce(or_, contradictions), 1.0, 0.0)
+    wide_cov = block_diagonal([share * W, np.zeros((len(x.mean) - 3,) * 2)])
+    return x._replace(cov=x.cov + wide_cov), (1.0 - share) * W
+
+
+def _next_dispute_cov(states: Layout, W: np.ndarray, update: Correction) -> np.ndarray:
+    """Return W (3, 3) after the corrections of the pose.  (6) of inconsistency.py"""
+    change = np.zeros(3)
+    for c in [c for group in states.pose_groups for c in group]:
+        w, s, h = update.weight[c], update.s[c], update.H[c, :3]
+        K, Wh = update.gain[c, :3], W @ h
+        innovation, wide_s = update.e[c] * np.sqrt(s), s + w * (h @ Wh)
+        wide_K = (K * s + w * Wh) / wide_s
+        change = change + wide_K * (innovation - h @ change) - K * innovation
+        gain = np.outer(K, K) * s - np.outer(wide_K, wide_K) * wide_s
+        W = mirror_upper(W + gain / np.maximum(w, TINY_WEIGHT))
+    return W + np.outer(change, change)
 
 
 class _ComparedChannels(NamedTuple):

@@ -1,17 +1,18 @@
-"""Widen the covariance during a lasting disagreement; the correction of the state does not change.
+"""Widen the covariance during a lasting disagreement; the gate and most corrections do not use the wider one.
 
 Speed ν_x and yaw rate ν_ψ have an inconsistency a: |y / h'| while a channel with innovation y and derivative h' is
 rejected; |Δ|, Δ = ν − ν of the model, while d² > gate_sigma² v or |d̄| > gate_sigma σ_d, v = var d without readings.
 After MIN_INCONSISTENT_S, with the rotation J, the axis g of ν, the row δ, and the duration t of the inconsistency:
 
-    var ν ← var ν + a²  in the estimate only,   P_ηη ← P_ηη + J g (2 a² t δ) gᵀ Jᵀ                         (1)
+    in the estimate only:   var ν ← var ν + a²,   var η ← P_ηη + W,   W ← G W Gᵀ + J g (2 a² t δ) gᵀ Jᵀ     (1)
     wheels contradict a gyro:  e² > gate_sigma² (p wᵀ S w + σ² ν_x²)   for e = wᵀ y and for its mean        (2)
     a_ψ = |e|  if |e + Δ_ψ| < |Δ_ψ|: the gyro is wrong;   else a_x = |Δ_x|: the speed follows wrong wheels  (3)
     a_ψ = σ |ν_x|  while the wheels replace a gyro                                                          (4)
+    a reading of the pose that contradicts P:   P_ηη ← P_ηη + W,   W ← 0                                    (5)
+    another one:   W ← P₂ − P₁ + c cᵀ,   c = Δ₂ − Δ₁     P_i, Δ_i: pose of the correction of P, and of P + W (6)
 
-w: yaw-rate row of the wheels' inverse; σ: their slip and scale. p is 1, or for an exponential mean over MEAN_S, which
-shows a small bias, g/(2 − g), g = 1 − exp(−δ/MEAN_S). The model decides between wheels and gyro. The region contains
-the truth if either sensor or model is correct. The correction uses the unchanged covariance: else the gate would open.
+w, σ: yaw-rate row of the wheels' inverse, their slip and scale; p: 1, or for a mean over MEAN_S g/(2 − g), g = 1 −
+exp(−δ/MEAN_S). The model decides between wheels and gyro. The region contains the truth if either of them is correct.
 """
 
 from functools import reduce
@@ -63,7 +64,7 @@ class InconsistencyUpdate(NamedTuple):
     # (2, 2) of speed and yaw rate: absolute value of the last rejected innovations, and duration [s]
     inconsistency: np.ndarray
     mean_checks: np.ndarray  # e (k,) of the yaw-rate checks
-    pose_cov: np.ndarray  # (3, 3)
+    pose_cov: np.ndarray  # (3, 3) what W gains
     nu_cov: np.ndarray  # (3, 3)
 
 
