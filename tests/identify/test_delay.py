@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from baqueano.identify import FitOptions, identifiability, identify, random_steps
+from baqueano.identify.identifiability import larger_bound
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.simulate import simulate
 from baqueano.vehicle_file import load, override
@@ -52,14 +53,14 @@ def drive_late(delay_s, seconds):
     return simulate(truth, random_steps(truth.command.limit, seconds, 100.0, 1, hold_s=0.5), 1)
 
 
-def test_a_free_delay_beyond_its_default_bound_is_searched_further():
-    assert abs(identify(drive_late(0.4, 4.0), small, FREE).value(DELAY_PATH) - 0.4) < 1e-3
-
-
-def test_a_long_delay_that_is_fixed_in_the_fit_is_named_with_its_length():
-    fit = identify(drive_late(0.7, 4.0), small, ["model.friction.linear"])
-    assert (fit.reasons[0].code, fit.reasons[0].fix) == ("delay.long", f"--free +{DELAY_PATH}")
-    assert abs(fit.reasons[0].figures["delay_s"] - 0.7) < 5e-3
+def test_a_delay_at_its_default_bound_is_reported_with_the_larger_bound():
+    option, run = f"--bound {DELAY_PATH}=0,0.5", drive_late(0.4, 4.0)
+    fit = identify(run, small, FREE)
+    (message,) = (m for m in (*fit.reasons, *fit.notes) if m.subject == DELAY_PATH and m.code[:5] == "bound")
+    assert (message.code, message.fix) == ("bound.high-default", option)
+    bounds = {DELAY_PATH: tuple(map(float, option.partition("=")[2].split(",")))}
+    fit = identify(run, small, FREE, options=FitOptions(bounds=bounds))
+    assert abs(fit.value(DELAY_PATH) - 0.4) < 1e-3
 
 
 def test_a_free_delay_that_is_not_identifiable_is_not_advised_to_be_free(monkeypatch):
@@ -73,8 +74,16 @@ def test_a_free_delay_that_is_not_identifiable_is_not_advised_to_be_free(monkeyp
 
     monkeypatch.setattr(identifiability, "assess_identifiability", without_delay)
     fit = identify(drive_late(0.04, 6.0), small, FREE)
-    assert DELAY_PATH in [message.subject for message in fit.unobservable]
-    assert not any(f"+{DELAY_PATH}" in message.fix for message in fit.reasons)
+    (delay_note,) = (m for m in fit.unobservable if m.subject == DELAY_PATH)
+    assert delay_note.figures["advice"].fix == f"--bound {DELAY_PATH}=0,0.5"
+    fixes = {m.fix for m in fit.reasons if m.fix}
+    assert f"--bound {DELAY_PATH}=0,0.5" in fixes
+    assert not any(f"+{DELAY_PATH}" in fix for fix in fixes)
+
+
+def test_a_delay_at_the_bound_of_its_field_has_no_larger_bound():
+    assert larger_bound(DELAY_PATH, 1.5) == f"--bound {DELAY_PATH}=0,2.0"
+    assert larger_bound(DELAY_PATH, 2.0) == larger_bound(LAG_PATH, 1.0) == ""
 
 
 LAG_PATH = "model.drivetrain.lag_s"

@@ -114,7 +114,9 @@ def part_of(r_v, r_a, rate, seed=1, seconds=SECONDS):
         for (name, k), x, h in numbers
     ]
     assert layout(ekf).names == ("imu", "odometer")
-    return accelerometer_share(ekf, SimpleNamespace(runs=("a",), channels_by_run=[channels]), {"imu"})
+    return accelerometer_share(
+        ekf, SimpleNamespace(vehicle_file=CAR, runs=("a",), channels_by_run=[channels]), {"imu"}
+    )
 
 
 @pytest.fixture

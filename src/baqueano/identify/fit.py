@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from baqueano.contracts.calls import checked_call
-from baqueano.contracts.optional import has_field
-from baqueano.diagnostics import Severity, Verdict, note
+from baqueano.contracts.values import Tree
+from baqueano.diagnostics import note
 from baqueano.identify import imu_only
 from baqueano.identify.battery import with_shown_battery
 from baqueano.identify.covariance.information import fixed_parameters, uncertain_parameters
@@ -35,13 +35,7 @@ from baqueano.identify.estimation.delay import (
 from baqueano.identify.estimation.search import Search, Task, search
 from baqueano.identify.identifiability import FinishedFit, fix_unidentifiable
 from baqueano.identify.options import FitOptions
-from baqueano.identify.parameters.free import (
-    DELAY_PATH,
-    MAX_DECAY_PER_ROW,
-    adds_to_default,
-    has_offset,
-    substitute,
-)
+from baqueano.identify.parameters.free import MAX_DECAY_PER_ROW, adds_to_default, has_offset, substitute
 from baqueano.identify.parameters.theta import Parameters, parse_sigma
 from baqueano.identify.prediction_error_fit import fit_by_innovations, fit_by_simulation
 from baqueano.identify.residuals.gyro_aided import GyroAidedResiduals
@@ -58,9 +52,6 @@ if TYPE_CHECKING:
 
 # without a compiler, the first search uses 1/FIRST_SEARCH_PART of the rows of a run, at least MIN_FIRST_ROWS
 FIRST_SEARCH_PART, MIN_FIRST_ROWS = 4, 1000
-LONG_DELAY_S = 1.0  # bound of the second search for a delay, if the first one is not sound
-MIN_LONG_DELAY_S = 0.1  # score tests name a shorter delay
-MIN_LOG_SIGMA = 0.1  # mean gain of log σ: with less, other effects are as probable
 
 
 @checked_call("bq.identify(run, robot)")
@@ -139,28 +130,14 @@ def identify(
         fit = refit(vehicle_file.with_values({DUTY_STEP_PATH: 1.0 / steps}), free)
         return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
     model = substitute(parameters.blocks, parameters.shape.shared_paths, end.solution.theta).model
-    highs = {parameter.path: parameter.high for parameter in parameters.free}
-    max_rate = MAX_DECAY_PER_ROW * row_rate_hz(vehicle_file.rate_hz)
-    bounds = slowing_bounds(model, highs, max_rate)
-    fit = None if bounds and not end.stopped else conclude(data, parameters, task, end, options)
-    bounds = bounds if fit is None else slowing_bounds(fit.blocks.model, highs, max_rate)
-    if fit is None or (bounds and not end.stopped):
+    bounds = {} if end.stopped else _row_bounds(parameters, model, vehicle_file.rate_hz)
+    if not bounds:
+        fit = conclude(data, parameters, task, end, options)
+        bounds = {} if end.stopped else _row_bounds(parameters, fit.blocks.model, vehicle_file.rate_hz)
+    if bounds:
         fit = refit(vehicle_file, free, replace(options, bounds={**options.bounds, **bounds}))
         return replace(fit, notes=(*fit.notes, *(note("bound.integrable", subject=path) for path in bounds)))
-    if end.stopped:
-        return fit
-    has_delay = has_field(getattr(model, "drivetrain", None), "delay_s") and not options.clocks
-    if data.is_usable and has_delay and DELAY_PATH not in (*options.bounds, *options.fixed, *options.per_run):
-        is_bound = np.where(np.isnan(fit.estimate), 1, fit.bound)
-        delay_bound = dict(zip(fit.names, is_bound, strict=True)).get(DELAY_PATH)
-        longer = replace(options, bounds={**options.bounds, DELAY_PATH: (0.0, LONG_DELAY_S)})
-        if delay_bound == 1:
-            return refit(vehicle_file, free, longer)
-        if delay_bound is None and options.diagnose:
-            longer = replace(longer, diagnose=bool(options.gyro_leads))
-            paths = [*(free or ()), f"+{DELAY_PATH}"]
-            fit = _with_delay_finding(fit, lambda: refit(vehicle_file, paths, longer))
-    if not adds_to_default(free):
+    if end.stopped or not adds_to_default(free):
         return fit
     return with_shown_battery(
         fit, runs, vehicle_file, options.fixed, lambda file, path: refit(file, [*(free or ()), f"+{path}"])
@@ -270,21 +247,10 @@ def conclude(
     return fit_by_innovations(end) if options.cost == "innovations" else fit_by_simulation(end)
 
 
-def _with_delay_finding(fit: Fit, refit: Callable[[], Fit]) -> Fit:
-    """Return a fit with a fixed delay, with a finding if the fit of `refit` explains much more with a longer delay.
-    `refit` is called if the delay can be the reason for the verdict."""
-    if fit.verdict != Verdict.REFUSED and not any(DELAY_PATH in reason.fix for reason in fit.reasons):
-        return fit
-    late_fit = refit()
-    delay_s, file_s = late_fit.value(DELAY_PATH), float(fit.blocks.model.drivetrain.delay_s)
-    gains = [np.log(a.sigma / b.sigma) for a, b in zip(fit.channels, late_fit.channels, strict=True)]
-    if not (delay_s - file_s > MIN_LONG_DELAY_S and np.mean(gains) > MIN_LOG_SIGMA):
-        return fit
-    severity = Severity.ERROR if fit.verdict == Verdict.REFUSED else Severity.WARNING
-    figures = {"delay_s": delay_s, "file_s": file_s, "ratio": float(np.exp(max(gains)))}
-    finding = note("delay.long", severity, f"--free +{DELAY_PATH}", DELAY_PATH, **figures)
-    reasons = (finding, *fit.reasons)
-    return replace(fit, verdict=Verdict.of(reasons), reasons=reasons)
+def _row_bounds(parameters: Parameters, model: Tree, rate_hz: float) -> dict[str, tuple[float, float]]:
+    """Return bounds of free parameters, within which a row can integrate the motion; {} if `model` is within them."""
+    highs = {parameter.path: parameter.high for parameter in parameters.free}
+    return slowing_bounds(model, highs, MAX_DECAY_PER_ROW * row_rate_hz(rate_hz))
 
 
 def _start_theta(task: Task, parameters: Parameters) -> np.ndarray:

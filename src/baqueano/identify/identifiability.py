@@ -36,6 +36,7 @@ from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import parallel_map
 from baqueano.sensors.imu import SCALE_TOLERANCE
 from baqueano.sensors.sampling import measures_pose
+from baqueano.vehicles.drivetrain import LARGEST_DELAY_S
 from baqueano.vehicles.freedoms import AXIS_NAMES
 
 if TYPE_CHECKING:
@@ -372,9 +373,17 @@ def _separation(parameters: Sequence[FreeParameter]) -> Diagnostic | str:
 
 
 def _needed_motion(parameter: FreeParameter) -> Diagnostic:
+    if fix := larger_bound(parameter.path, parameter.high):
+        return note("identifiability.needs-bound", fix=fix, motion=parameter.shown_by, bound=parameter.high)
     if parameter.shown_by:
         return note("identifiability.needs", motion=parameter.shown_by)
     if parameter.definition.role == "gain" and parameter.definition.shape == (3, 3):
         row, column = (AXIS_NAMES[i] for i in parameter.entry)
         return note("identifiability.needs-command", command=column, motion=row)
     return note("identifiability.needs-run")
+
+
+def larger_bound(path: str, bound: float) -> str:
+    """Return the option for a larger bound of a delay; "" for another parameter, or at the bound of its field."""
+    is_extensible = path == DELAY_PATH and bound < LARGEST_DELAY_S
+    return f"--bound {path}=0,{round(min(2.0 * bound, LARGEST_DELAY_S), 3)}" if is_extensible else ""

@@ -25,6 +25,7 @@ from baqueano.diagnostics import Diagnostic, Severity, note
 from baqueano.estimators.augmented.motion import MIN_SPEED_M_S
 from baqueano.identify.data.record import FittedBlocks
 from baqueano.identify.diagnostics.unmodelled_terms import Effect, FittedMotion, fitted_motion, term_columns
+from baqueano.identify.identifiability import larger_bound
 from baqueano.identify.parameters.free import BACK_EMF_PATH, DELAY_PATH, LAG_PATH, SERVO_LAG_PATH
 from baqueano.identify.residuals.simulation import Residuals
 from baqueano.numerics.parallel import dot
@@ -103,13 +104,14 @@ def check_residuals(
     paths = [problem.shape.shared_paths[i] for i in index]
     xw = np.zeros((len(fit.run), 2)) if motion is None else motion.nu[:, ::2]
     is_run_entry = identifiable[s : problem.layout.first_start].reshape(problem.layout.run_count, -1)
-    free, count = problem.shape.shared_paths, int(is_run_entry.any(axis=1).sum())
-    evidence = _FitEvidence(fit, paths, theta[index], std[index], low, high, count, free)
-    messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(evidence, motion)
+    count = int(is_run_entry.any(axis=1).sum())
+    free = dict(zip(problem.shape.shared_paths, bounds[1][:s].tolist(), strict=True))
+    fit_evidence = _FitEvidence(fit, paths, theta[index], std[index], low, high, count, free)
+    messages, differences = _residual_messages(problem, fit.residuals), _differing_parts(fit_evidence, motion)
     tests = [pair for names, D in candidates() for pair in zip(names, score_test(fit, D), strict=True)]
-    missing_terms = _missing_terms(evidence, tests, blocks.model)
+    missing_terms = _missing_terms(fit_evidence, tests, blocks.model)
     hidden_errors = [
-        e for code, n in HIDDEN_EFFECTS.items() for e in _effect_errors(code, -n, evidence, tests)
+        e for code, n in HIDDEN_EFFECTS.items() for e in _effect_errors(code, -n, fit_evidence, tests)
     ]
     by_fix: dict[str, Diagnostic] = {}  # one message of those with the same remedy
     for _, message, _ in missing_terms:
@@ -120,7 +122,7 @@ def check_residuals(
     effects = hidden_errors + [e for result in missing_terms + differences for e in result.effects]
     shifts = np.array([np.zeros(len(index)), *(effect.shift for effect in effects)])
     diagnosis.unmodelled_cov[entries] = largest_errors_cov(shifts)
-    lags = _effect_errors("term.low-pass", 1.0, evidence, tests)
+    lags = _effect_errors("term.low-pass", 1.0, fit_evidence, tests)
     diagnosis.lag_errors[index] = sum(lag.shift for lag in lags)
     all_shifts, speeds = np.zeros((len(shifts), s)), np.zeros((len(xw), len(shifts)))
     all_shifts[:, index] = shifts
@@ -208,7 +210,7 @@ class _FitEvidence(NamedTuple):
     low: np.ndarray  # (k,) distances to the bounds
     high: np.ndarray  # (k,)
     run_count: int  # runs with entries of their own, the last nuisances of `residuals`
-    free: tuple[str, ...]  # paths of all free parameters, also of those that are not identifiable
+    free: dict[str, float]  # path of each free parameter, also if it is not identifiable → its upper bound
 
     def effect(self, test: ScoreTest, speed: np.ndarray | float = 0.0) -> _FitChange:
         """Return the change of the fit by an effect, within the bounds of θ. `speed` is that of its term."""
@@ -257,7 +259,8 @@ def _missing_terms(fit: _FitEvidence, tests: TermTests, model: DynamicVehicle) -
 
 def _fix(term_note: Diagnostic, fit: _FitEvidence, model: DynamicVehicle) -> str:
     """Return the options that add an effect to the model; "" without such options, or if its key is already free. If
-    the delay of the commands is fixed, a clock offset would replace it, so both are estimated."""
+    the delay of the commands is fixed, a clock offset would replace it, so both are estimated. A free delay that is not
+    identifiable needs a larger bound."""
     free_keys = {path.partition("[")[0] for path in fit.free}
     if term_note.code == "term.delay-of-sensor":
         return f"{'' if DELAY_PATH in free_keys else f'--free +{DELAY_PATH} '}--clock {term_note.subject}"
@@ -267,7 +270,8 @@ def _fix(term_note: Diagnostic, fit: _FitEvidence, model: DynamicVehicle) -> str
         keys = [speed for path, speed in sign_speed_paths(model).items() if path in free_keys][:1]
     model_keys = dict(all_parameters(model, "model"))
     new = [key for key in keys if key not in free_keys and (key in model_keys or key.startswith("sensors."))]
-    return " ".join(f"--free +{key}" for key in new)
+    bounds = [larger_bound(key, fit.free[key]) for key in keys if key in fit.free.keys() - {*fit.paths}]
+    return " ".join([*(f"--free +{key}" for key in new), *filter(None, bounds)])
 
 
 def _place_text(code: str) -> Diagnostic | str:

@@ -131,21 +131,38 @@ def assemble_fit(end: FinishedFit, basis: VerdictBasis | None = None) -> Fit:
     start = np.array([value(end.blocks, parameter.path) for parameter in requested_parameters])
     start[theta_indices] = end.task.start[: len(theta_indices)]
     fit = Fit(
-        names=evidence.names, units=tuple(parameter.unit for parameter in requested_parameters),
-        start=start, estimate=evidence.estimate, std=np.sqrt(np.diagonal(shared_cov)), bound=evidence.bound,
-        poorly_identified=evidence.poorly_identified, cov=shared_cov, unmodelled_cov=unmodelled_cov,
-        unmodelled_shifts=unmodelled_shifts, unmodelled_speeds=basis.diagnosis.speed_changes,
-        fixed=end.fixed._replace(shifts=shifts), run_entry_names=run_entry_names, run_entries=run_values,
-        run_entry_std=run_entry_std, unobservable=evidence.unobservable,
-        always_unobservable=basis.always_unobservable, verdict=verdict, reasons=reasons,
+        names=evidence.names,
+        units=tuple(parameter.unit for parameter in requested_parameters),
+        start=start,
+        estimate=evidence.estimate,
+        std=np.sqrt(np.diagonal(shared_cov)),
+        bound=evidence.bound,
+        poorly_identified=evidence.poorly_identified,
+        cov=shared_cov,
+        unmodelled_cov=unmodelled_cov,
+        unmodelled_shifts=unmodelled_shifts,
+        unmodelled_speeds=basis.diagnosis.speed_changes,
+        fixed=end.fixed._replace(shifts=shifts),
+        run_entry_names=run_entry_names,
+        run_entries=run_values,
+        run_entry_std=run_entry_std,
+        unobservable=evidence.unobservable,
+        always_unobservable=basis.always_unobservable,
+        verdict=verdict,
+        reasons=reasons,
         notes=(*_notes(end), *remarks(evidence._replace(bound=evidence.bound - basis.bound_excess))),
         channels=evidence.channels,
         sigma={name: end.search.sigma[span] for name, span in problem.spans.items()},
-        autocorrelated=end.info.autocorrelated, converged=solution.converged, cost=solution.evaluation.cost,
-        evaluations=end.search.evaluations, runs=_runs(problem), backend=problem.scan.backend,
-        file=end.vehicle_file, blocks=_fitted_blocks(end),
+        autocorrelated=end.info.autocorrelated,
+        converged=solution.converged,
+        cost=solution.evaluation.cost,
+        evaluations=end.search.evaluations,
+        runs=_runs(problem),
+        backend=problem.scan.backend,
+        file=end.vehicle_file,
+        blocks=_fitted_blocks(end),
         envelope=fit_envelope(problem.records, evidence.channels, end.blocks.sensors, commands),
-    )  # fmt: skip
+    )
     messages = [prior.message for prior in kept_priors(fit) if prior.contradicted or not prior.at_rest]
     return replace(fit, notes=(*fit.notes, *messages))
 
@@ -190,17 +207,21 @@ def _evidence(
         _requested_order(end, np.where(identifiable, solution.theta[:s], np.nan), np.nan),
         _requested_order(end, np.where(identifiable, solution.bound[:s], 0), 0).astype(int),
         _requested_order(end, end.identifiability.poorly_identified[:s], fixed_value=False).astype(bool),
-        len(end.parameters.fixed_indices), unobservable_terms, channels,
-        group_channels(channels, has_one_mean(end.task.problem)), solution.converged,
+        len(end.parameters.fixed_indices),
+        unobservable_terms,
+        channels,
+        group_channels(channels, has_one_mean(end.task.problem)),
+        solution.converged,
         end.info.autocorrelation,
         None if end.task.fixed_sigma is not None else sensor_sigma(end.blocks.sensors),
         (*findings, *value_problems(end.vehicle_file, *_fitted_blocks(end))),
         tuple(
             weak_reason(parameter, end.confused_parameters(end.identifiability.correlated, i))
-            for i, parameter in enumerate(end.parameters.free) if end.identifiability.poorly_identified[i]
+            for i, parameter in enumerate(end.parameters.free)
+            if end.identifiability.poorly_identified[i]
         ),
         _most_moving(end),
-    )  # fmt: skip
+    )
 
 
 def _covariance(end: FinishedFit) -> np.ndarray:

@@ -21,6 +21,7 @@ import numpy as np
 from baqueano.contracts.values import JsonObject
 from baqueano.diagnostics import Diagnostic, Severity, Verdict, note
 from baqueano.identify.estimation.search import MAX_RESIDUAL_SHARE
+from baqueano.identify.identifiability import larger_bound
 from baqueano.numerics.autocorrelation import WHITE_LIMIT
 from baqueano.numerics.parallel import dot
 from baqueano.numerics.statistics import CLIP_SIGMA, prediction_limit
@@ -95,8 +96,10 @@ def _bound_note(e: Evidence, k: int, kind: str, severity: Severity) -> Diagnosti
 def active_bound(
     path: str, estimate: float, is_low: bool, kind: str = "held", severity: Severity = Severity.INFO
 ) -> Diagnostic:
-    """Return the finding on a parameter at its lower or upper bound."""
-    return note(f"bound.{'low' if is_low else 'high'}-{kind}", severity, subject=path, bound=estimate)
+    """Return the finding on a parameter at its lower or upper bound, with the option for a larger upper bound."""
+    fix = "" if is_low else larger_bound(path, estimate)
+    code = "bound.high-default" if fix else f"bound.{'low' if is_low else 'high'}-{kind}"
+    return note(code, severity, fix, path, bound=estimate)
 
 
 def _refusals(e: Evidence) -> list[Diagnostic]:

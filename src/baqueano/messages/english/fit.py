@@ -57,6 +57,9 @@ TEMPLATES: dict[str, str] = {
     "bound.integrable": (
         "the lower bound of {subject} is the least value that a step of the integrator permits with the fitted friction"
     ),
+    "bound.high-default": (
+        "{subject} is at its upper bound, {bound:.4g}. This bound is not physical. Type: {fix}"
+    ),
     "bound.low-by-chance": (
         "{subject} is at its lower bound, {bound:.4g}. The unconstrained estimate is less than 3 "
         "standard errors below it, so noise can explain this"
@@ -95,6 +98,9 @@ TEMPLATES: dict[str, str] = {
     "identifiability.few-speeds": ": the vehicle drove at too few different speeds",
     "identifiability.few-turn-rates": ": the vehicle turned at too few different rates",
     "identifiability.needs": "This needs {motion:word}",
+    "identifiability.needs-bound": (
+        "This needs {motion:word}. If the delay can be longer than {bound:.4g} s, enlarge its bound. Type: {fix}"
+    ),
     "identifiability.needs-command": "This needs {command:word} commands, and {motion:word} motion caused by them",
     "identifiability.needs-run": "This needs a run in which the parameter has an effect",
     "identifiability.command-still": (
@@ -142,10 +148,6 @@ TEMPLATES: dict[str, str] = {
         "{subject}: the error from the runs, ± {std:.2g}{unit}, is larger than the error in the file, ± "
         "{prior_std:.2g}. The file keeps its value {value:.4g}. To measure the bias, leave the vehicle at "
         "rest for 3 s"
-    ),
-    "delay.long": (
-        "with a delay of {delay_s:.2f} s instead of {file_s:.2f} s, the residuals of a channel are {ratio:.1f} times "
-        "smaller. Estimate the delay first. Type: {fix}"
     ),
     "delay.sum": (
         "drivetrain.delay_s is a sum, because a run does not separate its terms: the delays of the motors and of "
