@@ -131,10 +131,10 @@ def identify(
         return replace(fit, notes=(*fit.notes, note("fit.duty-step", steps=steps)))
     model = substitute(parameters.blocks, parameters.shape.shared_paths, end.solution.theta).model
     bounds = {} if end.stopped else _row_bounds(parameters, model, vehicle_file.rate_hz)
-    if not bounds:
-        fit = conclude(data, parameters, task, end, options)
-        bounds = {} if end.stopped else _row_bounds(parameters, fit.blocks.model, vehicle_file.rate_hz)
-    if bounds:
+    fit = None if bounds else conclude(data, parameters, task, end, options)
+    if fit is not None and not end.stopped:
+        bounds = _row_bounds(parameters, fit.blocks.model, vehicle_file.rate_hz)
+    if fit is None or bounds:
         fit = refit(vehicle_file, free, replace(options, bounds={**options.bounds, **bounds}))
         return replace(fit, notes=(*fit.notes, *(note("bound.integrable", subject=path) for path in bounds)))
     if end.stopped or not adds_to_default(free):

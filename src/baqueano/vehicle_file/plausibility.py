@@ -48,8 +48,9 @@ def value_problems(
 ) -> list[Diagnostic]:
     """Return the problems for which `vehicle_file` would be refused with the values of `vehicle` and `sensors`."""
     report = ReadReport(vehicle_file.label, vehicle_file.text)
-    head = vehicle_file.geometry, vehicle_file.command, vehicle_file.rate_hz
-    check_values(report, vehicle, sensors, *head)
+    command = vehicle_file.command
+    channels = Channels(command.names, command.limit, command.unit)
+    check_values(report, vehicle, sensors, vehicle_file.geometry, channels, vehicle_file.rate_hz)
     return report.problems
 
 
