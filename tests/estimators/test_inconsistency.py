@@ -2,10 +2,13 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from baqueano.estimators.augmented.correction import _next_dispute_cov
+from baqueano.estimators.kalman import correct
 from baqueano.estimators.readings.inconsistency import (
     MIN_INCONSISTENT_S,
     added_covariances,
@@ -120,6 +123,28 @@ def test_the_region_covers_the_truth_if_the_model_turns_half_as_much():
     eta, _, cov = estimates(heavier.sensors["imu"].z)
     e = wrap(eta[:, 2] - heavier.truth.eta[:, 2])
     assert np.mean(np.abs(e) <= REGION_95 * np.sqrt(cov[:, 2, 2])) >= 0.95
+
+
+@pytest.mark.parametrize("weight", [1.0, 0.7])
+def test_the_dispute_is_what_the_correction_of_the_wider_covariance_says(weight):
+    """Compared with the equations of a correction by all channels at once, which invert S."""
+    random = np.random.default_rng(0)
+    A, B, H = random.normal(size=(5, 5)), random.normal(size=(3, 2)), random.normal(size=(2, 5))
+    H[:, 3:], q, y = 0.0, np.array([0.3, 0.5]), np.array([0.4, -0.9])
+    P, W = A @ A.T, B @ B.T
+    update = correct(P, y, H, q, weight=lambda c, e, s: weight)
+    next_W = _next_dispute_cov(SimpleNamespace(pose_groups=((0, 1),)), W, update)
+    noise = update.s / weight - np.array([H[0] @ P @ H[0], 0.0])  # a smaller weight is a larger noise
+    P_1 = P - update.gain[0][:, None] * update.gain[0] * update.s[0] / weight
+    noise[1] -= H[1] @ P_1 @ H[1]
+
+    def corrected(P):
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.diag(noise))
+        return (P - K @ H @ P)[:3, :3], (K @ y)[:3]
+
+    (cov, change), (wide_cov, wide_change) = corrected(P), corrected(P + np.pad(W, (0, 2)))
+    c = wide_change - change
+    np.testing.assert_allclose(next_W, wide_cov - cov + np.outer(c, c), rtol=1e-9, atol=1e-12)
 
 
 @cache

@@ -15,8 +15,8 @@ SMALL, STD_M_S = load("small"), 0.03
 N = 1500
 
 
-def covariances(file, u, turn_rad_s, std):
-    """Return the covariances (N, 6, 6) of a filter without the error of the scale, while its gyro reads a turn."""
+def estimates(file, u, turn_rad_s, std):
+    """Return the estimates of a filter with the slope `std`, while its gyro reads a turn."""
     ekf = replace(file.estimator(), slope_speed_std_m_s=std)
     t_ns = 10_000_000 * np.arange(1, N + 1)
     z = np.outer(np.ones(N), [0.0, 0.0, turn_rad_s])
@@ -31,7 +31,7 @@ def covariances(file, u, turn_rad_s, std):
 
 def growth(file, u, turn_rad_s):
     """Return the estimates, and what the slope adds to the covariances (N, 6, 6)."""
-    sloping, level = (covariances(file, u, turn_rad_s, std) for std in (STD_M_S, 0.0))
+    sloping, level = (estimates(file, u, turn_rad_s, std) for std in (STD_M_S, 0.0))
     return sloping, sloping.cov - level.cov
 
 

@@ -21,9 +21,8 @@ def attach(path: Path, source: BinaryIO, sink: BinaryIO) -> None:
     try:
         line.connect(str(path))
     except OSError as error:
-        from baqueano.door.remote import (
-            unreachable_service,  # that module loads numpy, which a page does not need
-        )
+        # that module loads numpy, which a page does not need
+        from baqueano.door.remote import unreachable_service
 
         raise RobotUnreachable(unreachable_service(path, error)) from error
     forward_bytes(line, source, sink)

@@ -20,11 +20,11 @@ CLIP, MAX_CONDITION = 5.0, 10.0  # median absolute values of a residual; of the 
 
 
 class AccelerometerResiduals(NamedTuple):
-    """Residuals of the accelerometers in one run, and the yaw rate of the gyro."""
+    """Residuals of the accelerometers in one run, and the yaw rate of the gyro, in the body frame."""
 
     t_s: np.ndarray  # (N,)
-    a: np.ndarray  # (N, 2) forward, to the left
-    yaw_rate: np.ndarray  # (N,)
+    a: np.ndarray  # (N, 2) m/s², forward and to the left
+    yaw_rate: np.ndarray  # (N,) rad/s
 
     @classmethod
     def at_times(cls, t_s: np.ndarray, *series: tuple[np.ndarray, np.ndarray]) -> "AccelerometerResiduals":
@@ -43,20 +43,17 @@ def slope_speed_error(runs: Sequence[AccelerometerResiduals], decay_rate: float)
 
 
 def block_pushes(run: AccelerometerResiduals, decay_rate: float) -> list[np.ndarray]:
-    """Return ĝ (2,) of each block by least squares.  (1)"""
+    """Return ĝ (2,) [m/s²] of each block by least squares, on axes that have the first heading as x.  (1)"""
     t_s, a, yaw_rate = run
     dt_s = np.diff(t_s, prepend=t_s[:1])
     psi = np.cumsum(yaw_rate * dt_s)
-    forward_axis, left_axis = (
-        np.stack([np.cos(psi), np.sin(psi)], axis=1),
-        np.stack([-np.sin(psi), np.cos(psi)], axis=1),
-    )
+    forward_axis = np.stack([np.cos(psi), np.sin(psi)], axis=1)
+    left_axis = np.stack([-np.sin(psi), np.cos(psi)], axis=1)
     e, decay = np.zeros((len(t_s), 2)), np.exp(-decay_rate * dt_s)
     for k in range(1, len(t_s)):
         e[k] = decay[k] * e[k - 1] + (1.0 - decay[k]) / decay_rate * forward_axis[k - 1]
-    X = np.stack(
-        [-decay_rate * e, yaw_rate[:, None] * e - left_axis], axis=1
-    )  # (N, 2, 2): reading, axis of the map
+    # (N, 2, 2): reading, axis of the map
+    X = np.stack([-decay_rate * e, yaw_rate[:, None] * e - left_axis], axis=1)
     limit = CLIP * np.median(np.abs(a - np.median(a, axis=0)), axis=0)
     a = np.clip(a - np.median(a, axis=0), -limit, limit)
     scale = 1.0 / np.maximum(np.std(a, axis=0), 1e-12)

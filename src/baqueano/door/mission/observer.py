@@ -20,12 +20,8 @@ class MissionObserver(Observer):
     def __init__(self, operator: Operator, send_event: SendEvent, *, attended: bool) -> None:
         self.stopped: Diagnostic | None = None
         self.record: Record | None = None
-        self._operator, self._send_event, self._attended, self._is_over = (
-            operator,
-            send_event,
-            attended,
-            False,
-        )
+        self._operator, self._send_event, self._attended = operator, send_event, attended
+        self._is_over = False
 
     def stop_reason(self, t_ns: int) -> Diagnostic | None:
         """Return the operator's reason to stop the vehicle."""

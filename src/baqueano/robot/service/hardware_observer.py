@@ -17,7 +17,7 @@ from baqueano.worlds import Robot
 if TYPE_CHECKING:
     from baqueano.robot.service.service import Service
 
-CLOSE_TIMEOUT_S = 60.0  # systemd waits so long for a run to be closed, which waits for the card
+CLOSE_TIMEOUT_S = 60.0  # limit of systemd while a run is closed, because a card can stall
 
 
 class HardwareObserver(MissionObserver):

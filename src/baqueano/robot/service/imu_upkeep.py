@@ -71,8 +71,7 @@ class ImuUpkeep:
             return self._absence
         if not self.driver.is_bus_stuck:
             return stop(StopReason.IMU_SILENT)
-        if (
-            self._recovery is None or self._recovery.is_free
-        ):  # the last one freed the bus, but it is stuck again
+        # if the last recovery freed the bus, it is stuck again
+        if self._recovery is None or self._recovery.is_free:
             return stop(StopReason.IMU_BUS_BLOCKED)
         return stop(StopReason.IMU_BUS_STILL_BLOCKED, cause=self._recovery.message)
